@@ -1,0 +1,175 @@
+"""What is rendered, as plain numpy: the only form in which a scene crosses from Blender into the core.
+
+Spaces
+    object   a mesh's own coordinates
+    world    Blender's world, shifted by `SceneSnapshot.world_origin_m` in float64 before it became float32
+    view     of the camera or of a light's view: x right, y up, looking down -z
+Matrices are row-major numpy arrays that multiply column vectors: `point_ws = world_from_object @ point_os`.
+Lengths are metres in the sense of Blender units. Image row 0 is the *bottom* row, as in OpenGL and `bpy.types.Image.pixels`.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles in object space, stored once however many instances show them.
+
+    Shading normals: `point_normals` where a vertex has one normal, `corner_normals` where corners of one vertex
+    differ (sharp edges, custom normals), neither for a mesh that is flat shaded throughout.
+    """
+
+    name: str
+    positions_os: np.ndarray
+    """(vertex_count, 3) float32"""
+    triangles: np.ndarray
+    """(triangle_count, 3) int32, indices into `positions_os`, counter-clockwise seen from the front"""
+    point_normals_os: np.ndarray | None = None
+    """(vertex_count, 3) float32 unit vectors"""
+    corner_normals_os: np.ndarray | None = None
+    """(triangle_count, 3, 3) float32 unit vectors"""
+    is_closed: bool = False
+    """Every directed edge is met by its reverse: from outside, any ray crosses as many front as back faces."""
+
+    @property
+    def vertex_count(self) -> int:
+        return len(self.positions_os)
+
+    @property
+    def triangle_count(self) -> int:
+        return len(self.triangles)
+
+    def compute_bounds_os(self) -> np.ndarray:
+        """(2, 3) float32: smallest and largest corner of the vertices that triangles use."""
+        used = self.positions_os[self.triangles.ravel()] if self.vertex_count > 4 * self.triangle_count else self.positions_os
+        return np.stack([used.min(axis=0), used.max(axis=0)])
+
+
+@dataclass(frozen=True)
+class Instances:
+    """One row per placed mesh, as arrays so that a hundred thousand of them stay cheap."""
+
+    mesh_index: np.ndarray
+    """(instance_count,) int32"""
+    world_from_object: np.ndarray
+    """(instance_count, 4, 4) float32, after the shift of the origin"""
+    object_index: np.ndarray
+    """(instance_count,) int32 into `object_names`"""
+    object_names: tuple[str, ...]
+    visible_to_camera: np.ndarray
+    """(instance_count,) bool"""
+    casts_shadow: np.ndarray
+    """(instance_count,) bool: `visible_shadow` of the object"""
+    stable_id: np.ndarray
+    """(instance_count,) uint32 made from names and persistent ids; does not change when other objects come or go"""
+
+    def __len__(self) -> int:
+        return len(self.mesh_index)
+
+
+class LightShape(enum.Enum):
+    RECTANGLE = "rectangle"
+    ELLIPSE = "ellipse"
+    POINT = "point"
+    SPOT = "spot"
+    SUN = "sun"
+
+    @property
+    def is_area(self) -> bool:
+        return self in (LightShape.RECTANGLE, LightShape.ELLIPSE)
+
+
+@dataclass(frozen=True)
+class Light:
+    """A light as it stands in the frame. Area lights lie in the xy plane of their space and emit along its -z."""
+
+    name: str
+    shape: LightShape
+    world_from_light: np.ndarray
+    """(4, 4) float64, orthonormal rotation (scale is already in the sizes) and position after the origin's shift"""
+    size_x_m: float
+    """full width along x: rectangle side or ellipse diameter, scale of the object included"""
+    size_y_m: float
+    spread_rad: float
+    """full angle of the emission cone of area lights; pi is the plain cosine emitter"""
+    strength: float
+    """luminance of colour times power, exposure included; sign kept. Weighs the light in the combined pass."""
+    casts_shadow: bool
+    receivers: np.ndarray | None = None
+    """(instance_count,) bool: which instances the light illuminates (light linking); None: all"""
+    blockers: np.ndarray | None = None
+    """(instance_count,) bool: which instances may cast its shadow (shadow linking and visible_shadow); None: `casts_shadow` of the instances"""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Perspective or orthographic; shift, sensor fit, pixel aspect and a cropping render border are already in the window."""
+
+    name: str
+    is_orthographic: bool
+    world_from_view: np.ndarray
+    """(4, 4) float64, rigid, after the origin's shift"""
+    window: tuple[float, float, float, float]
+    """left, right, bottom, top: of the plane at distance 1 m (perspective, tangents) or in metres (orthographic)"""
+    clip_start_m: float
+    clip_end_m: float
+
+
+class FilterShape(enum.Enum):
+    BOX = "box"
+    GAUSSIAN = "gaussian"
+    BLACKMAN_HARRIS = "blackman-harris"
+
+
+@dataclass(frozen=True)
+class PixelFilter:
+    """The scene's own reconstruction filter: passes are anti-aliased like the beauty they are multiplied with."""
+
+    shape: FilterShape = FilterShape.BLACKMAN_HARRIS
+    width_px: float = 1.5
+    """full width"""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Something of the scene that is not in the snapshot, in words for the plan and the statistics."""
+
+    object_name: str
+    reason: str
+    vertex_count: int = 0
+    """dropped vertices, where that is what happened"""
+
+
+@dataclass(frozen=True)
+class SceneSnapshot:
+    scene_name: str
+    view_layer_name: str
+    frame: int
+    width_px: int
+    height_px: int
+    meshes: tuple[Mesh, ...]
+    instances: Instances
+    lights: tuple[Light, ...]
+    """sorted by name: the order in the file must not change the picture"""
+    camera: Camera
+    pixel_filter: PixelFilter
+    world_origin_m: np.ndarray
+    """(3,) float64, what was subtracted from Blender's world coordinates"""
+    left_out: tuple[LeftOut, ...] = ()
+    notes: tuple[str, ...] = ()
+    """decisions taken on the way in that the user should know, e.g. about the render border"""
+    extract_ms: float = field(default=0.0, compare=False)
+
+    @property
+    def unique_triangle_count(self) -> int:
+        return sum(mesh.triangle_count for mesh in self.meshes)
+
+    @property
+    def instanced_triangle_count(self) -> int:
+        counts = np.array([mesh.triangle_count for mesh in self.meshes], dtype=np.int64)
+        return int(counts[self.instances.mesh_index].sum()) if len(self.instances) else 0

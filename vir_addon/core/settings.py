@@ -1,0 +1,44 @@
+"""What a user may ask for. Front ends fill this in; the plan decides what becomes of it."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from .errors import UsageError
+
+
+class Method(enum.Enum):
+    AUTO = "auto"
+    MVR = "mvr"
+    IVIR = "ivir"
+
+
+class PointStorage(enum.Enum):
+    BUFFERED = "buffered"
+    BUFFERLESS = "bufferless"
+
+
+@dataclass(frozen=True)
+class Settings:
+    method: Method = Method.AUTO
+    points: PointStorage = PointStorage.BUFFERED
+    view_count: int = 64
+    """light samples of a light with size; lights without size get one"""
+    map_resolution_px: int = 1024
+    light_names: tuple[str, ...] | None = None
+    """None: every light that the scene shows"""
+    stochastic_culling: bool = True
+    """cull triangles below a tenth of a pixel with probability 1 - 10 A (Gavane & Watson 2022, section 3.2)"""
+    watertight: bool = True
+    """point spacing that leaves no texel empty (covering radius) instead of the published one point per pixel area"""
+    point_buffer_mib: int = 256
+    """memory for points; what does not fit is processed in portions"""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.view_count <= 4096:
+            raise UsageError(f"views must be 1 to 4096, not {self.view_count}")
+        if not 16 <= self.map_resolution_px <= 8192:
+            raise UsageError(f"the map resolution must be 16 to 8192, not {self.map_resolution_px}")
+        if self.point_buffer_mib < 1:
+            raise UsageError("the point buffer needs at least 1 MiB")
