@@ -1,0 +1,62 @@
+# `make demo` and `make test` work on a fresh machine: both set up .venv first.
+SHELL := /bin/bash
+PYTHON := .venv/bin/python
+PYTHON_LTS := .venv-lts/bin/python
+DEMO_BLEND := out/still_life.blend
+DEMO_PASSES := out/passes
+
+.PHONY: help setup setup-lts demo test test-all test-lts bench check extension clean
+
+help:
+	@echo "make setup      .venv with everything; a second time it takes a second"
+	@echo "make demo       render the demo scene's passes into $(DEMO_PASSES)"
+	@echo "make test       the tests that take seconds each"
+	@echo "make test-all   all tests, and the Blender 4.5 LTS job"
+	@echo "make bench      time it against rasterizing every view and against Cycles"
+	@echo "make check      lint, format, types, composition of every shader"
+	@echo "make extension  the zip for Blender, into dist/"
+
+setup: .venv/.setup-done
+
+# The stamps hang on what decides the environment's contents, so a second `make setup` only compares times.
+.venv/.setup-done: pyproject.toml .python-version tools/setup
+	@tools/setup .venv "$$(cat .python-version)" bpy,cli,test
+
+setup-lts: .venv-lts/.setup-done
+
+.venv-lts/.setup-done: pyproject.toml tools/setup
+	@tools/setup .venv-lts 3.11 bpy,cli,test
+
+$(DEMO_BLEND): $(wildcard demo_scenes/*.py) | setup
+	@mkdir -p $(@D)
+	$(PYTHON) -m demo_scenes.still_life $@
+
+demo: setup $(DEMO_BLEND)
+	$(PYTHON) -m vir_addon render $(DEMO_BLEND) --output $(DEMO_PASSES) --preview --stats $(DEMO_PASSES)/stats.json
+	@echo "Done. The passes (EXR), their previews and the contact sheet (PNG) are in $(CURDIR)/$(DEMO_PASSES)"
+
+test: setup
+	$(PYTHON) -m pytest -m "not slow and not bench"
+
+test-all: setup test-lts
+	$(PYTHON) -m pytest -m "not bench"
+
+test-lts: setup-lts
+	$(PYTHON_LTS) -m pytest tests/lts
+
+bench: setup
+	$(PYTHON) -m tests.benchmarks
+
+check: setup
+	$(PYTHON) -m ruff check .
+	$(PYTHON) -m ruff format --check .
+	$(PYTHON) -m mypy
+	$(PYTHON) -m vir_addon.device.check_shaders
+
+extension: setup
+	@mkdir -p dist
+	$(PYTHON) tools/extension.py validate
+	$(PYTHON) tools/extension.py build dist
+
+clean:
+	rm -rf .venv .venv-lts out dist build
