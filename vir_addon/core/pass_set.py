@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 COMBINED_PASS_NAME = "VIR Shadow"
+
+PASS_NAME_BYTES_MAX = 63
+"""UTF-8 bytes that Blender keeps of a render pass's, a socket's and (4.5) an image's name; light names of 5.x may be longer"""
 
 STAGES = ("extract", "upload", "eye G-buffer", "points", "splat or raster", "resolve", "read-back", "write")
 """the stages that statistics list, in the order in which they run"""
@@ -15,6 +19,34 @@ STAGES = ("extract", "upload", "eye G-buffer", "points", "splat or raster", "res
 def shadow_pass_name(light_name: str) -> str:
     """'Key.001' -> 'VIR Shadow Key_001': EXR splits channel names at dots, so a pass name must not contain one."""
     return f"{COMBINED_PASS_NAME} {light_name.replace('.', '_')}"
+
+
+def unique_pass_names(light_names: Iterable[str]) -> dict[str, str]:
+    """Light name -> pass name, all different and none longer than PASS_NAME_BYTES_MAX.
+
+    "Key.001" and "Key_001" would share a pass name, and so would long names that differ only at their ends: the later
+    one in alphabetical order gets a number. A light whose own name survives unchanged always keeps it. Depends on the
+    set of names only, not on their order; pass all lights of the scene, or a choice of lights changes their names.
+    """
+    names = sorted(set(light_names))
+    unchanged = [name for name in names if shadow_pass_name(name) == _clip(f"{COMBINED_PASS_NAME} {name}")]
+    taken = {COMBINED_PASS_NAME}
+    pass_names = {}
+    for light_name in [*unchanged, *(name for name in names if name not in set(unchanged))]:
+        base = shadow_pass_name(light_name)
+        pass_name, number = _clip(base), 2
+        while pass_name in taken:
+            pass_name = _clip(base, f"_{number}")
+            number += 1
+        taken.add(pass_name)
+        pass_names[light_name] = pass_name
+    return {name: pass_names[name] for name in names}
+
+
+def _clip(name: str, suffix: str = "") -> str:
+    """`name` with `suffix`, shortened before the suffix to PASS_NAME_BYTES_MAX without cutting a character in two."""
+    kept = name.encode()[: PASS_NAME_BYTES_MAX - len(suffix.encode())].decode(errors="ignore")
+    return kept + suffix
 
 
 @dataclass

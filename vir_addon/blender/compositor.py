@@ -1,0 +1,171 @@
+"""The node group "VIR Passes" in a scene's compositor: every pass as an output socket, the artist's own nodes untouched."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import bpy
+
+from ..core.errors import SceneError
+from .images import PASS_PROPERTY
+
+GROUP_NAME = "VIR Passes"
+GROUP_PROPERTY = "vir_passes"
+"""custom property that marks the node group as made here, whatever an artist renames it to"""
+NODE_GAP_PX = 60.0
+
+
+@dataclass
+class PassNodes:
+    """What `add_pass_nodes` left in the scene."""
+
+    node: bpy.types.Node
+    """the group node"""
+    added: list[str] = field(default_factory=list)
+    """passes that got an output"""
+    removed: list[str] = field(default_factory=list)
+    """outputs of passes that are gone and were linked to nothing"""
+    kept: list[str] = field(default_factory=list)
+    """outputs of passes that are gone but still linked: they give the last picture that was written"""
+    is_switched_off: bool = False
+    """4.5: the scene has compositor nodes but "Use Nodes" is off; switching it on would change the artist's render"""
+
+
+def add_pass_nodes(scene: bpy.types.Scene, images: Mapping[str, bpy.types.Image]) -> PassNodes:
+    """Give every image (pass name -> image) an output on the scene's group node "VIR Passes".
+
+    A compositor is made when the scene has none, with the render passed through. On a group that exists, outputs are matched by
+    name: missing ones are added, links stay, and outputs whose pass is gone are removed unless something is linked to them. What an
+    artist put between an image and its output inside the group stays too.
+    Raises SceneError when the compositor belongs to another .blend file.
+    """
+    tree = _compositor_tree(scene)
+    result = PassNodes(_find_group_node(tree) or _new_group_node(tree))
+    result.is_switched_off = not bpy.app.version >= (5, 0) and not scene.use_nodes
+    group = result.node.node_tree
+    _check_editable(group)
+    _drop_gone_passes(group, images, result)
+    output = _group_output(group)
+    for row, (pass_name, image) in enumerate(images.items()):
+        if _output_socket(group, pass_name) is None:
+            group.interface.new_socket(name=pass_name, in_out="OUTPUT", socket_type="NodeSocketColor")
+            result.added.append(pass_name)
+        node = _image_node(group, pass_name) or _new_image_node(group, pass_name, row)
+        node.image = image
+        if not output.inputs[pass_name].is_linked:
+            group.links.new(node.outputs["Image"], output.inputs[pass_name])
+    return result
+
+
+def _compositor_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
+    """The scene's compositor, made when there is none so that it gives the render unchanged."""
+    if bpy.app.version >= (5, 0):
+        if scene.compositing_node_group is None:
+            scene.compositing_node_group = _new_pass_through(scene)
+        tree = scene.compositing_node_group
+    else:
+        if scene.node_tree is None:
+            scene.use_nodes = True  # makes Render Layers -> Composite
+        tree = scene.node_tree
+    _check_editable(tree)
+    return tree
+
+
+def _new_pass_through(scene: bpy.types.Scene) -> bpy.types.NodeTree:
+    tree = bpy.data.node_groups.new("Compositing", "CompositorNodeTree")
+    tree.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+    layers = tree.nodes.new("CompositorNodeRLayers")
+    layers.scene = scene
+    output = tree.nodes.new("NodeGroupOutput")
+    output.location.x = layers.width + 4 * NODE_GAP_PX
+    tree.links.new(layers.outputs["Image"], output.inputs["Image"])
+    return tree
+
+
+def _check_editable(tree: bpy.types.NodeTree) -> None:
+    if not tree.is_editable:
+        raise SceneError(f"the node tree {tree.name!r} belongs to another .blend file; make it local to add the passes to it")
+
+
+def _find_group_node(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
+    """Our node in `tree` or in any group inside it: an artist may have tidied it away."""
+    groups = [node for node in tree.nodes if node.type == "GROUP" and node.node_tree is not None]
+    for node in groups:
+        if node.node_tree.get(GROUP_PROPERTY):
+            return node
+    # Groups cannot contain themselves, so this ends.
+    return next((found for node in groups if (found := _find_group_node(node.node_tree))), None)
+
+
+def _new_group_node(tree: bpy.types.NodeTree) -> bpy.types.Node:
+    """Below all other nodes, where it covers none. A group whose node was deleted is used again."""
+    location = _free_location(tree)
+    orphans = (group for group in bpy.data.node_groups if group.get(GROUP_PROPERTY) and group.users == 0 and group.library is None)
+    group = next(orphans, None)
+    if group is None:
+        group = bpy.data.node_groups.new(GROUP_NAME, "CompositorNodeTree")
+        group[GROUP_PROPERTY] = True
+    node = tree.nodes.new("CompositorNodeGroup")
+    node.node_tree = group
+    node.name = node.label = GROUP_NAME
+    node.width = 280.0  # pass names are long
+    node.location = location
+    return node
+
+
+def _free_location(tree: bpy.types.NodeTree) -> tuple[float, float]:
+    nodes = [node for node in tree.nodes if node.type != "FRAME"]
+    if not nodes:
+        return (0.0, 0.0)
+    # Nodes that were never drawn have no dimensions; count their rows instead.
+    bottoms = [node.location_absolute.y - max(node.dimensions.y, 22.0 * (8 + len(node.inputs) + len(node.outputs))) for node in nodes]
+    return (min(node.location_absolute.x for node in nodes), min(bottoms) - NODE_GAP_PX)
+
+
+def _group_output(group: bpy.types.NodeTree) -> bpy.types.Node:
+    outputs = [node for node in group.nodes if node.bl_idname == "NodeGroupOutput"]
+    active = next((node for node in outputs if node.is_active_output), None)
+    if active is None:
+        active = group.nodes.new("NodeGroupOutput")
+        active.location.x = 400.0
+    return active
+
+
+def _output_socket(group: bpy.types.NodeTree, pass_name: str) -> bpy.types.NodeTreeInterfaceSocket | None:
+    sockets = (item for item in group.interface.items_tree if item.item_type == "SOCKET" and item.in_out == "OUTPUT")
+    return next((socket for socket in sockets if socket.name == pass_name), None)
+
+
+def _image_node(group: bpy.types.NodeTree, pass_name: str) -> bpy.types.Node | None:
+    return next((node for node in group.nodes if node.get(PASS_PROPERTY) == pass_name), None)
+
+
+def _new_image_node(group: bpy.types.NodeTree, pass_name: str, row: int) -> bpy.types.Node:
+    node = group.nodes.new("CompositorNodeImage")
+    node[PASS_PROPERTY] = node.label = pass_name
+    node.width = 280.0
+    node.location = (0.0, -300.0 * row)
+    return node
+
+
+def _drop_gone_passes(group: bpy.types.NodeTree, images: Mapping[str, bpy.types.Image], result: PassNodes) -> None:
+    """A linked output stays: removing it would break the artist's links, and a light may only be left out this time."""
+    for node in [node for node in group.nodes if node.get(PASS_PROPERTY, "") not in ("", *images)]:
+        pass_name = node[PASS_PROPERTY]
+        if any(user.outputs[pass_name].is_linked for user in _users(group) if pass_name in user.outputs):
+            result.kept.append(pass_name)
+            continue
+        group.nodes.remove(node)
+        if socket := _output_socket(group, pass_name):
+            group.interface.remove(socket)
+        result.removed.append(pass_name)
+
+
+def _users(group: bpy.types.NodeTree) -> Iterator[bpy.types.Node]:
+    """Every node in the file that shows the group."""
+    trees = list(bpy.data.node_groups)
+    if bpy.app.version < (5, 0):  # there a scene owns its tree
+        trees += [scene.node_tree for scene in bpy.data.scenes if scene.node_tree is not None]
+    for tree in trees:
+        yield from (node for node in tree.nodes if node.type == "GROUP" and node.node_tree == group)

@@ -1,0 +1,73 @@
+"""All passes of a frame in one multilayer EXR that Blender and compositing tools read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from .. import __version__
+from .errors import UsageError
+from .files import whole_file
+from .pass_set import PassSet, PassStatistics
+
+
+def channel_name(view_layer_name: str, pass_name: str) -> str:
+    """'View.Layer', 'VIR Shadow Key' -> 'View_Layer.VIR Shadow Key.V'. Readers split at dots, so the names' own dots go."""
+    return f"{view_layer_name.replace('.', '_')}.{pass_name.replace('.', '_')}.V"
+
+
+def write_exr(target: Path, passes: PassSet, *, view_layer_name: str, scene_name: str, frame: int) -> None:
+    """Write every image of `passes` as one channel: 32-bit float, one part, ZIP, with how each was made as attributes.
+
+    Raises UsageError when `target` cannot be written, when OpenEXR is not installed, when there are no images or when two
+    would share a channel.
+    """
+    try:
+        import OpenEXR
+    except ImportError as error:
+        raise UsageError("writing EXR files needs the OpenEXR package: pip install OpenEXR==3.5.3") from error
+    channels = _channels(passes, view_layer_name)
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        **_attributes(passes, scene_name, frame),
+    }
+    with whole_file(target) as temporary:
+        try:
+            OpenEXR.File(header, channels).write(str(temporary))
+        except RuntimeError as error:  # how the package reports a full disk
+            raise OSError(str(error)) from error
+
+
+def _channels(passes: PassSet, view_layer_name: str) -> dict[str, np.ndarray]:
+    """Channel name -> (height, width) float32 with row 0 at the top, as EXR has it."""
+    if not passes.images:
+        raise UsageError("there is no pass to write")
+    channels: dict[str, np.ndarray] = {}
+    for pass_name, image in passes.images.items():
+        name = channel_name(view_layer_name, pass_name)
+        if name in channels:
+            raise UsageError(f"two passes would be written to the channel {name}; rename one of the lights")
+        channels[name] = np.ascontiguousarray(image[::-1], dtype=np.float32)
+    return channels
+
+
+def _attributes(passes: PassSet, scene_name: str, frame: int) -> dict[str, str | int]:
+    """Text attributes that Blender shows as the image's metadata; `frame` also as a number for scripts."""
+    attributes: dict[str, str | int] = {
+        "Software": f"VIR {__version__}",
+        "Scene": scene_name,
+        "Frame": str(frame),
+        "vir:frame": frame,
+        "vir:device": passes.statistics.device,
+    }
+    for made in passes.statistics.passes:
+        attributes[f"vir:{made.pass_name}"] = _how_made(made)
+    return {name: value for name, value in attributes.items() if value != ""}
+
+
+def _how_made(made: PassStatistics) -> str:
+    if made.view_count == 0:
+        return f"{made.method}: {made.reason}"
+    return f"{made.method}, {made.view_count} views at {made.map_resolution_px} px, standard error {made.error_estimate:.2g}"

@@ -1,0 +1,34 @@
+"""Files appear whole or not at all: a render farm must never pick up half a picture."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from .errors import UsageError
+
+
+@contextmanager
+def whole_file(target: Path) -> Iterator[Path]:
+    """Gives a temporary path in `target`'s folder, which becomes `target` when the block ends well.
+
+    The folder is made when it is missing. When the block raises, Ctrl-C included, the temporary file goes and an older `target`
+    stays as it was. Raises UsageError when the folder or the file cannot be written.
+    """
+    # A name of its own length: a long target name leaves no room for a suffix. Same folder, as renaming works only within a disk.
+    temporary = target.parent / f".vir-{os.getpid()}-{uuid.uuid4().hex[:8]}.partial"
+    try:
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            temporary.touch()
+            yield temporary
+            os.replace(temporary, target)
+        except OSError as error:
+            raise UsageError(f"cannot write {target}: {error.strerror or error}. Choose another output folder or free space.") from error
+    finally:
+        # When the folder itself is missing or is a file there is nothing to remove, and saying so would hide the cause.
+        if os.path.lexists(temporary):
+            temporary.unlink()
