@@ -5,7 +5,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from vir_addon.blender.images import find_image, write_images  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.blender.fonts import find_label_font  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.blender.images import find_image, write_images  # noqa: E402
 from vir_addon.core.pass_set import PassSet, SetStatistics  # noqa: E402
 
 
@@ -86,3 +87,10 @@ def test_names_as_long_as_blender_keeps():
     name = "VIR Shadow " + "é" * 26
     assert write_images(passes_of(2, 3, name))[name].name == name
     assert find_image(name) is not None
+
+
+def test_blenders_font_can_write_what_lights_are_called():
+    image_font = pytest.importorskip("PIL.ImageFont")
+    font = image_font.truetype(str(find_label_font()), size=13)
+    missing = bytes(font.getmask("\ufffe"))
+    assert all(bytes(font.getmask(character)) != missing for character in "aüßéλЖ光ライト키")

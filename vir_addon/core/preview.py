@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +16,7 @@ from .files import whole_file
 from .pass_set import PassSet, PassStatistics
 
 if TYPE_CHECKING:
-    from PIL import Image
+    from PIL import Image, ImageFont
 
 SHEET_WIDTH_PX = 1920
 """what a contact sheet is fitted to; single pictures are never enlarged"""
@@ -31,8 +33,10 @@ def encode_srgb(image: np.ndarray) -> np.ndarray:
     return np.round(encoded * 255.0).astype(np.uint8)
 
 
-def write_previews(folder: Path, stem: str, passes: PassSet) -> list[Path]:
+def write_previews(folder: Path, stem: str, passes: PassSet, label_font: Path | None = None) -> list[Path]:
     """Write `<stem>_<pass>.png` for every pass and `<stem>_contact_sheet.png`, the last of the returned paths.
+
+    `label_font` is a font file for the sheet's labels; without one, pillow's own, which has plain Latin letters only.
 
     Raises UsageError when pillow is not installed, when there is no pass or when `folder` cannot be written.
     """
@@ -43,14 +47,14 @@ def write_previews(folder: Path, stem: str, passes: PassSet) -> list[Path]:
         paths.append(folder / file_name)
         _save(_picture(passes.images[pass_name]), paths[-1], title=pass_name)
     paths.append(folder / f"{stem}_contact_sheet.png")
-    _save(contact_sheet(passes), paths[-1], title=stem)
+    _save(contact_sheet(passes, label_font), paths[-1], title=stem)
     return paths
 
 
-def contact_sheet(passes: PassSet) -> Image.Image:
+def contact_sheet(passes: PassSet, label_font: Path | None = None) -> Image.Image:
     """All passes side by side, each above its name and how it was made. Raises UsageError when pillow is not installed."""
     pillow = _pillow()
-    from PIL import ImageDraw, ImageFont
+    from PIL import ImageDraw
 
     made = {statistics.pass_name: statistics for statistics in passes.statistics.passes}
     height, width = next(iter(passes.images.values())).shape
@@ -60,7 +64,7 @@ def contact_sheet(passes: PassSet) -> Image.Image:
     cell_height = max(1, round(height * cell_width / width))
     column_px, row_px = cell_width + MARGIN_PX, cell_height + LABEL_HEIGHT_PX + MARGIN_PX
     sheet = pillow.new("L", (MARGIN_PX + column_count * column_px, MARGIN_PX + row_count * row_px), BACKGROUND)
-    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=13)
+    draw, font = ImageDraw.Draw(sheet), _font(label_font)
     for index, (pass_name, image) in enumerate(passes.images.items()):
         x, y = MARGIN_PX + (index % column_count) * column_px, MARGIN_PX + (index // column_count) * row_px
         sheet.paste(_picture(image, (cell_width, cell_height)), (x, y))
@@ -70,13 +74,19 @@ def contact_sheet(passes: PassSet) -> Image.Image:
     return sheet
 
 
-def _pillow():
+def _pillow() -> ModuleType:
     """PIL.Image, or UsageError: Blender does not bring it, so it comes with the command line's dependencies only."""
     try:
         from PIL import Image
     except ImportError as error:
         raise UsageError("previews need pillow: pip install pillow==13.0.0") from error
     return Image
+
+
+def _font(path: Path | None) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    from PIL import ImageFont
+
+    return ImageFont.load_default(size=13) if path is None else ImageFont.truetype(str(path), size=13)
 
 
 def _picture(image: np.ndarray, size_px: tuple[int, int] | None = None) -> Image.Image:
@@ -104,7 +114,7 @@ def _summary(made: PassStatistics | None) -> str:
     return f"{made.method}, {made.view_count} views" if made.view_count else made.reason
 
 
-def _shorten(text: str, fits) -> str:
+def _shorten(text: str, fits: Callable[[str], bool]) -> str:
     """`text`, or as much of its beginning as `fits` allows, with an ellipsis."""
     if fits(text):
         return text
