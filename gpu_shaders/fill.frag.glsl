@@ -1,0 +1,3 @@
+void main() {
+    filled = uvec4(uint(value));
+}

@@ -1,0 +1,203 @@
+// View-independent rasterization of triangles into points: a point for every cell of a lattice in the triangle's plane
+// that the triangle touches. FROM_TRIANGLES walks the scene and leaves what has many cells as tiles to FROM_TILES.
+// INTO_BUFFER appends points, INTO_MAPS splats them as they come.
+#include "lib/scene_data.glsl"
+#include "lib/linear_invocation.glsl"
+#include "lib/hash.glsl"
+#include "lib/triangle_sampling.glsl"
+
+const int TILE_CELLS = 8;
+const int MAX_SMALL_CELLS = 32;          // what a mask of 32 bits holds
+const int MAX_BLOCKS = 32;               // per axis: each block of a large triangle is sampled at its own density
+const float BLOCK_CELLS = 32.0;
+const int MAX_TILES_PER_BLOCK = 32;      // per axis: a block that nearly touches the light would ask for any number
+const float CULLING_AREA_TEXELS = 0.1;
+
+#ifdef INTO_MAPS
+#include "lib/splat.glsl"
+#endif
+
+struct Cells {
+    vec2 first_center;
+    vec2 size;
+    int count_x;
+    int count_y;
+};
+
+void emit_points(AlignedTriangle t, Cells cells) {
+    vec2 half_size = 0.5 * cells.size;
+    uint touched = 0u;
+    uint bit = 1u;
+    for (int j = 0; j < cells.count_y; j++) {
+        for (int i = 0; i < cells.count_x; i++) {
+            if (rectangle_overlaps(t, cells.first_center + cells.size * vec2(i, j), half_size)) {
+                touched |= bit;
+            }
+            bit <<= 1u;
+        }
+    }
+    uint count = uint(bitCount(touched));
+    if (count == 0u) {
+        return;
+    }
+    uint next = imageAtomicAdd(counters, ivec2(0, 0), count);
+#ifdef INTO_BUFFER
+    // counted all the same: the host learns how much room is missing and works in portions
+    if (next + count > uint(point_capacity)) {
+        return;
+    }
+    float packed_normal = pack_direction(t.n);
+#endif
+    for (int j = 0; j < cells.count_y; j++) {
+        for (int i = 0; i < cells.count_x; i++) {
+            if ((touched & 1u) != 0u) {
+                vec3 p_fs = point_at(t, nearest_in_triangle(t, cells.first_center + cells.size * vec2(i, j)));
+#ifdef INTO_BUFFER
+                imageStore(points, linear_texel(int(next)), vec4(p_fs, packed_normal));
+                next++;
+#else
+                splat(p_fs, t.n);
+#endif
+            }
+            touched >>= 1u;
+        }
+    }
+}
+
+AlignedTriangle load_aligned(InstanceData instance, TriangleData triangle) {
+    vec3 a = face_position(triangle.position_ws[0]);
+    vec3 b = face_position(triangle.position_ws[1]);
+    vec3 c = face_position(triangle.position_ws[2]);
+    // face space is left-handed and transforms may mirror: the order of the corners keeps n at the triangle's front
+    return instance.orientation > 0.0 ? align_triangle(a, c, b) : align_triangle(a, b, c);
+}
+
+#ifdef FROM_TRIANGLES
+float spacing_for(vec2 density) {
+#ifdef WATERTIGHT
+    return inversesqrt(density.y);
+#else
+    // edge-on triangles have no area in the map but may still be hit: at least a hundredth of the watertight density
+    return inversesqrt(max(density.x, 0.01 * density.y));
+#endif
+}
+
+bool unseen(vec3 corners[4]) {
+    for (int i = 0; i < 6; i++) {
+        bool all_outside = true;
+        for (int k = 0; k < 4; k++) {
+            all_outside = all_outside && outside_plane(i, corners[k]);
+        }
+        if (all_outside) {
+            return true;
+        }
+    }
+    return false;
+}
+
+// Whether any view sees a part of a rectangle of the triangle's plane; `corners` are its corners in face space.
+bool wanted(AlignedTriangle t, vec2 center, vec2 half_size, out vec3 corners[4]) {
+    for (int k = 0; k < 4; k++) {
+        corners[k] = point_at(t, center + half_size * vec2((k & 1) == 0 ? -1.0 : 1.0, (k & 2) == 0 ? -1.0 : 1.0));
+    }
+    return rectangle_overlaps(t, center, half_size) && !unseen(corners);
+}
+
+void append_tile(int instance, int triangle, vec2 low, vec2 cell) {
+    uint index = imageAtomicAdd(counters, ivec2(1, 0), 1u);
+    if (index < uint(tile_capacity)) {
+        imageStore(tiles, linear_texel(2 * int(index)), vec4(float(instance), float(triangle), 0.0, 0.0));
+        imageStore(tiles, linear_texel(2 * int(index) + 1), vec4(low, cell));
+    }
+}
+
+void append_tiles(AlignedTriangle t, int instance, int triangle, vec2 low, vec2 high, float spacing) {
+    ivec2 blocks = clamp(ivec2(ceil((high - low) / (BLOCK_CELLS * spacing))), ivec2(1), ivec2(MAX_BLOCKS));
+    vec2 block = (high - low) / vec2(blocks);
+    vec3 corners[4];
+    for (int b = 0; b < blocks.x * blocks.y; b++) {
+        vec2 block_low = low + block * vec2(b % blocks.x, b / blocks.x);
+        if (!wanted(t, block_low + 0.5 * block, 0.5 * block, corners)) {
+            continue;
+        }
+        float own_spacing = spacing_for(largest_density_of_corners(corners, t.n));
+        ivec2 tile_counts = clamp(ivec2(ceil(block / (float(TILE_CELLS) * own_spacing))), ivec2(1), ivec2(MAX_TILES_PER_BLOCK));
+        vec2 tile = block / vec2(tile_counts);
+        for (int i = 0; i < tile_counts.x * tile_counts.y; i++) {
+            vec2 tile_low = block_low + tile * vec2(i % tile_counts.x, i / tile_counts.x);
+            if (wanted(t, tile_low + 0.5 * tile, 0.5 * tile, corners)) {
+                append_tile(instance, triangle, tile_low, tile / float(TILE_CELLS));
+            }
+        }
+    }
+}
+
+void main() {
+    int group = linear_group();
+    if (group >= group_count) {
+        return;
+    }
+    vec4 work = texelFetch(work_table, linear_texel(group + first_group), 0);
+    int instance_index = int(work.x);
+    int triangle_index = int(work.y) + int(gl_LocalInvocationID.x);
+    if (triangle_index >= int(work.z)) {
+        return;
+    }
+    InstanceData instance = load_instance(instance_index);
+    TriangleData triangle = load_triangle(instance, triangle_index);
+    AlignedTriangle t = load_aligned(instance, triangle);
+    bool two_sided = work.w > 0.5;
+    // a triangle without area is seen by no view, and its plane is undefined
+    if (t.area <= 0.0 || !(two_sided || faces_any_view(t))) {
+        return;
+    }
+    vec3 bounds[4];
+    bounds[0] = t.corner_fs[0];
+    bounds[1] = t.corner_fs[1];
+    bounds[2] = t.corner_fs[2];
+    bounds[3] = t.corner_fs[2];
+    if (unseen(bounds)) {
+        return;
+    }
+    vec2 density = largest_density(t);
+#ifdef STOCHASTIC_CULLING
+    // section 3.2: below a tenth of a texel a triangle is culled with probability 1 - 10 A
+    float area_texels = t.area * density.x;
+    if (area_texels < CULLING_AREA_TEXELS) {
+        uint identity = hash_position(triangle.position_os[0]) + hash_position(triangle.position_os[1]) + hash_position(triangle.position_os[2]);
+        if (unit_float(pcg_hash(identity + instance.stable_id)) * CULLING_AREA_TEXELS >= area_texels) {
+            imageAtomicAdd(counters, ivec2(2, 0), 1u);
+            return;
+        }
+    }
+#endif
+    float spacing = spacing_for(density);
+    vec2 low = min(min(t.corner_uv[0], t.corner_uv[1]), t.corner_uv[2]);
+    vec2 high = max(max(t.corner_uv[0], t.corner_uv[1]), t.corner_uv[2]);
+    // the lattice starts at the triangle's bounds and divides them evenly: no cells that stick out, and a triangle smaller than a
+    // cell becomes one point
+    vec2 counts = max(ceil((high - low) / spacing), 1.0);
+    if (counts.x * counts.y <= float(MAX_SMALL_CELLS)) {
+        vec2 cell = (high - low) / counts;
+        emit_points(t, Cells(low + 0.5 * cell, cell, int(counts.x), int(counts.y)));
+    } else {
+        append_tiles(t, instance_index, triangle_index, low, high, spacing);
+    }
+}
+#endif
+
+#ifdef FROM_TILES
+void main() {
+    int invocation = linear_invocation();
+    int tile = invocation / TILE_CELLS;
+    if (tile >= tile_count) {
+        return;
+    }
+    vec4 owner = texelFetch(tile_list, linear_texel(2 * tile), 0);
+    vec4 place = texelFetch(tile_list, linear_texel(2 * tile + 1), 0);
+    InstanceData instance = load_instance(int(owner.x));
+    AlignedTriangle t = load_aligned(instance, load_triangle(instance, int(owner.y)));
+    vec2 first_center = place.xy + place.zw * vec2(0.5, float(invocation % TILE_CELLS) + 0.5);
+    emit_points(t, Cells(first_center, place.zw, TILE_CELLS, 1));
+}
+#endif

@@ -1,0 +1,34 @@
+// Writes a point of a triangle into the depth maps of all views of the batch.
+#include "lib/face.glsl"
+
+// A point lies anywhere in its texel, the stored depth belongs to the texel's centre: the triangle's plane is followed
+// to there, as a rasterizer would. At most by this many footprints, because beyond the triangle's edge the plane is a guess.
+const float MAX_PLANE_SHIFT_FOOTPRINTS = 1.0;
+
+void splat(vec3 p_fs, vec3 normal_fs) {
+    vec2 texels_per_tangent = 1.0 / texel_tangent;
+    float reach_share = MAX_PLANE_SHIFT_FOOTPRINTS * max(texel_tangent.x, texel_tangent.y);
+    for (int k = 0; k < view_count; k++) {
+        vec3 p = p_fs - view_center(k);
+        if (p.z <= near_m) {
+            continue;
+        }
+        vec2 at = p.xy * (texels_per_tangent / p.z) - view_window(k);
+        ivec2 texel = ivec2(floor(at));
+        if (any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel, map_size))) {
+            continue;
+        }
+        vec3 ray = vec3((vec2(texel) + 0.5 + view_window(k)) * texel_tangent, 1.0);
+        float facing = dot(normal_fs, ray);
+        float reach = reach_share * p.z;
+        // edge-on triangles have no depth at the centre: the division is kept finite and the clamp decides
+        float plane_depth = dot(normal_fs, p) / (abs(facing) > 1e-6 ? facing : 1e-6);
+        float depth = clamp(plane_depth, p.z - reach, p.z + reach);
+        uint bits = floatBitsToUint(max(depth, near_m));
+        ivec2 address = texel + ivec2(0, view_first_row(k));
+        // most points are hidden or repeat a texel: looking first is cheaper than an atomic
+        if (imageLoad(depth_maps, address).x > bits) {
+            imageAtomicMin(depth_maps, address, bits);
+        }
+    }
+}

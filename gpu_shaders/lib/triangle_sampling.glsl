@@ -1,0 +1,165 @@
+// Sampling a triangle as in improved view-independent rasterization (Gavane & Watson 2022, section 3).
+#include "lib/face.glsl"
+
+const float SMALL_TRIANGLE_SHARE = 0.01;  // of its depth
+
+struct AlignedTriangle {
+    vec3 corner_fs[3];
+    vec3 centroid_fs;
+    vec3 u;  // T_align (eq. 1): u, v span the triangle's plane, n is its unit normal
+    vec3 v;
+    vec3 n;
+    vec2 corner_uv[3];  // metres from the centroid, counter-clockwise
+    float area;
+};
+
+AlignedTriangle align_triangle(vec3 a, vec3 b, vec3 c) {
+    AlignedTriangle t;
+    t.corner_fs[0] = a;
+    t.corner_fs[1] = b;
+    t.corner_fs[2] = c;
+    t.centroid_fs = (a + b + c) / 3.0;
+    vec3 scaled = cross(b - a, c - a);
+    float twice_area = length(scaled);
+    t.area = 0.5 * twice_area;
+    t.n = twice_area > 0.0 ? scaled / twice_area : vec3(0.0);
+    // along the longest edge the triangle's bounds are smallest, and so is the number of cells that it does not fill
+    vec3 ab = b - a, bc = c - b, ca = a - c;
+    float squared_ab = dot(ab, ab), squared_bc = dot(bc, bc), squared_ca = dot(ca, ca);
+    float squared = max(max(squared_ab, squared_bc), squared_ca);
+    vec3 longest = squared == squared_ab ? ab : (squared == squared_bc ? bc : ca);
+    t.u = squared > 0.0 ? longest * inversesqrt(squared) : vec3(1.0, 0.0, 0.0);
+    t.v = cross(t.n, t.u);
+    for (int k = 0; k < 3; k++) {
+        vec3 d = t.corner_fs[k] - t.centroid_fs;
+        t.corner_uv[k] = vec2(dot(d, t.u), dot(d, t.v));
+    }
+    return t;
+}
+
+vec3 point_at(AlignedTriangle t, vec2 uv) {
+    return t.centroid_fs + uv.x * t.u + uv.y * t.v;
+}
+
+float cross_2d(vec2 a, vec2 b) {
+    return a.x * b.y - a.y * b.x;
+}
+
+// Whether a rectangle touches the triangle: conservative rasterization of a lattice cell (Akenine-Moeller & Aila 2005).
+bool rectangle_overlaps(AlignedTriangle t, vec2 center, vec2 half_size) {
+    for (int k = 0; k < 3; k++) {
+        vec2 edge = t.corner_uv[(k + 1) % 3] - t.corner_uv[k];
+        float reach = half_size.x * abs(edge.y) + half_size.y * abs(edge.x);
+        if (cross_2d(edge, center - t.corner_uv[k]) + reach < 0.0) {
+            return false;
+        }
+    }
+    vec2 low = min(min(t.corner_uv[0], t.corner_uv[1]), t.corner_uv[2]);
+    vec2 high = max(max(t.corner_uv[0], t.corner_uv[1]), t.corner_uv[2]);
+    return all(lessThanEqual(low, center + half_size)) && all(greaterThanEqual(high, center - half_size));
+}
+
+// The triangle's point nearest to a cell's centre. Conservative cells reach beyond the triangle; a point left out there
+// would exaggerate the silhouette, and projecting onto a convex set keeps every covered place within reach of its point.
+vec2 nearest_in_triangle(AlignedTriangle t, vec2 p) {
+    bool inside = true;
+    float best = 3.4e38;
+    vec2 nearest = p;
+    for (int k = 0; k < 3; k++) {
+        vec2 edge = t.corner_uv[(k + 1) % 3] - t.corner_uv[k];
+        vec2 d = p - t.corner_uv[k];
+        if (cross_2d(edge, d) < 0.0) {
+            inside = false;
+        }
+        float squared = dot(edge, edge);
+        vec2 candidate = t.corner_uv[k] + edge * (squared > 0.0 ? clamp(dot(d, edge) / squared, 0.0, 1.0) : 0.0);
+        float distance_squared = dot(p - candidate, p - candidate);
+        if (distance_squared < best) {
+            best = distance_squared;
+            nearest = candidate;
+        }
+    }
+    return inside ? p : nearest;
+}
+
+// Ericson 2005, "Real-Time Collision Detection", section 5.1.5.
+vec3 closest_point(vec3 p, vec3 a, vec3 b, vec3 c) {
+    vec3 ab = b - a, ac = c - a, ap = p - a;
+    float d1 = dot(ab, ap), d2 = dot(ac, ap);
+    if (d1 <= 0.0 && d2 <= 0.0) return a;
+    vec3 bp = p - b;
+    float d3 = dot(ab, bp), d4 = dot(ac, bp);
+    if (d3 >= 0.0 && d4 <= d3) return b;
+    float vc = d1 * d4 - d3 * d2;
+    if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) return a + ab * (d1 / (d1 - d3));
+    vec3 cp = p - c;
+    float d5 = dot(ab, cp), d6 = dot(ac, cp);
+    if (d6 >= 0.0 && d5 <= d6) return c;
+    float vb = d5 * d2 - d1 * d6;
+    if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) return a + ac * (d2 / (d2 - d6));
+    float va = d3 * d6 - d5 * d4;
+    if (va <= 0.0 && (d4 - d3) >= 0.0 && (d5 - d6) >= 0.0) return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
+    float sum = va + vb + vc;
+    return sum > 0.0 ? a + ab * (vb / sum) + ac * (vc / sum) : a;
+}
+
+// Texels per square metre of the plane with normal n, seen from a view at distance `p` before it.
+// x: rho of the paper, one point for the area of a reverse-projected texel.
+// y: the density that leaves no texel empty: a lattice of spacing h has an image whose covering radius is at most
+//    h |J| / 2 with J the Jacobian from plane to map and |J| its Frobenius norm (Gram-Schmidt vectors are no longer
+//    than the lattice's own), and a texel holds a disc of radius 1/2: h = 1 / |J|.
+vec2 texel_density(vec3 p, vec3 n) {
+    // nearer than this the surface is treated as if it stood there: at the view's centre the density has no bound
+    float z = max(p.z, near_m);
+    vec2 tangent = clamp(p.xy / z, window_bounds.xz, window_bounds.yw);
+    vec2 texels = 1.0 / (texel_tangent * z);
+    vec3 row_x = texels.x * vec3(1.0, 0.0, -tangent.x);
+    vec3 row_y = texels.y * vec3(0.0, 1.0, -tangent.y);
+    float along_x = dot(row_x, n), along_y = dot(row_y, n);
+    float frobenius = dot(row_x, row_x) + dot(row_y, row_y) - along_x * along_x - along_y * along_y;
+    return vec2(abs(dot(vec3(tangent, 1.0), n)) * texels.x * texels.y, frobenius);
+}
+
+// rho_mv (eq. 2): the largest density that any view needs, at the point of the triangle closest to it. The views lie in the
+// hull of `hull_count` corners, and a view between corners is no closer than the nearest of them by more than their spacing.
+vec2 largest_density(AlignedTriangle t) {
+    vec2 density = vec2(0.0);
+    float radius = max(max(length(t.corner_uv[0]), length(t.corner_uv[1])), length(t.corner_uv[2]));
+    if (radius < SMALL_TRIANGLE_SHARE * t.centroid_fs.z) {
+        // too small for its closest point to matter: the centroid moved nearer by the triangle's radius is as safe
+        for (int k = 0; k < hull_count; k++) {
+            density = max(density, texel_density(t.centroid_fs - vec3(0.0, 0.0, radius) - hull[k].xyz, t.n));
+        }
+        return density;
+    }
+    for (int k = 0; k < hull_count; k++) {
+        vec3 nearest = closest_point(hull[k].xyz, t.corner_fs[0], t.corner_fs[1], t.corner_fs[2]);
+        density = max(density, texel_density(nearest - hull[k].xyz, t.n));
+    }
+    return density;
+}
+
+vec2 largest_density_of_corners(vec3 corners[4], vec3 n) {
+    vec2 density = vec2(0.0);
+    for (int k = 0; k < hull_count; k++) {
+        for (int i = 0; i < 4; i++) {
+            density = max(density, texel_density(corners[i] - hull[k].xyz, n));
+        }
+    }
+    return density;
+}
+
+bool faces_any_view(AlignedTriangle t) {
+    // linear in the view's centre: testing the hull's corners is exact for every view inside
+    for (int k = 0; k < hull_count; k++) {
+        if (dot(t.n, hull[k].xyz - t.centroid_fs) > 0.0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+// Whether a point is on the outer side of plane i of the space that all views see together.
+bool outside_plane(int i, vec3 p_fs) {
+    return dot(seen_space[i].xyz, p_fs) < seen_space[i].w;
+}

@@ -1,0 +1,201 @@
+"""Improved view-independent rasterization (Gavane & Watson 2022; preprint 2020): triangles become points once, views replay them.
+
+`buffered`: points go into a buffer that every batch of views replays. A buffer too small for all of them is used in
+portions, each generated again for each batch. `bufferless`: every batch generates the points and splats them as they come.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...device.interface import EMPTY_DEPTH_BITS, LINEAR_TEXTURE_WIDTH, Texture, TextureFormat
+from ..errors import DeviceError
+from ..fit import FittedFace, light_hull
+from ..passes.scene_data import SceneData
+from ..passes.shadow_maps import (
+    BUFFER_TILES,
+    BUFFER_TRIANGLES,
+    SPLAT_POINTS,
+    SPLAT_TILES,
+    SPLAT_TRIANGLES,
+    DepthMaps,
+)
+from ..scene import Light
+from ..settings import PointStorage, Settings
+from ..views import FaceViews
+from .base import DepthMapMethod
+
+TILE_CELLS = 8
+TEXELS_PER_TILE = 2
+BYTES_PER_POINT = 16
+FIRST_TILE_CAPACITY = 1 << 15
+
+
+def seen_space_planes(views: FaceViews, hull_fs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Planes (6, 4) around everything that any view sees, and the tangents (4,) around all windows.
+
+    A plane through a view's centre with the window's outermost tangent is linear in the centre, so the outermost of the
+    hull's corners bounds all views.
+    """
+    windows = np.array([views.window_tangents(k) for k in range(views.view_count)])
+    left, right, bottom, top = windows[:, 0].min(), windows[:, 1].max(), windows[:, 2].min(), windows[:, 3].max()
+    normals = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -bottom], [0, -1, top], [0, 0, 1], [0, 0, -1]], np.float64)
+    offsets = (normals @ hull_fs.T).min(axis=1) + np.array([0, 0, 0, 0, views.near_m, -views.far_m])
+    return np.concatenate([normals, offsets[:, None]], axis=1), np.array([left, right, bottom, top])
+
+
+class _LinearStore:
+    """A growing device array; its content is lost when it grows."""
+
+    def __init__(self, device, texel_count: int) -> None:
+        self.device, self.texture = device, None
+        self.reserve(texel_count)
+
+    def reserve(self, texel_count: int) -> None:
+        rows = max(1, -(-texel_count // LINEAR_TEXTURE_WIDTH))
+        if rows > self.device.max_texture_size_px:
+            raise DeviceError(f"{texel_count} texels exceed the device's largest texture; choose a smaller map resolution")
+        if self.texture is not None:
+            self.texture.release()
+        self.texture: Texture = self.device.create_texture(LINEAR_TEXTURE_WIDTH, rows, TextureFormat.RGBA32F)
+        self.texel_count = rows * LINEAR_TEXTURE_WIDTH
+
+    def release(self) -> None:
+        self.texture.release()
+
+
+class ImprovedViewIndependentRasterization(DepthMapMethod):
+    def __init__(
+        self,
+        scene_data: SceneData,
+        fitted: FittedFace,
+        face_table: np.ndarray,
+        culled: np.ndarray,
+        light: Light,
+        samples_m: np.ndarray,
+        settings: Settings,
+        storage: PointStorage,
+    ) -> None:
+        super().__init__(scene_data, fitted, face_table, culled)
+        self.settings, self.storage = settings, storage
+        rotation = fitted.views.face.face_from_world
+        hull_fs = (light_hull(light, samples_m) - light.world_from_light[:3, 3]) @ rotation.T
+        planes, bounds = seen_space_planes(fitted.views, hull_fs)
+        self.sampling_bindings = {
+            **scene_data.bindings,
+            "face": face_table,
+            "hull": np.pad(hull_fs, ((0, 0), (0, 1))),
+            "hull_count": len(hull_fs),
+            "seen_space": planes,
+            "window_bounds": bounds,
+        }
+        self.flags = ["WATERTIGHT"] * settings.watertight + ["STOCHASTIC_CULLING"] * settings.stochastic_culling
+        self.culled_triangle_count = 0
+        self._portions: list[tuple[int, int]] | None = None
+
+    def prepare(self) -> None:
+        self.device.run(self._prepare)
+
+    def _prepare(self) -> None:
+        self.work = self.scene_data.work_table(self.fitted.caster_indices, ~self.culled)
+        self.counters = self.device.create_texture(4, 1, TextureFormat.R32UI)
+        self.tiles = _LinearStore(self.device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY)
+        self.tile_count = 0
+        if self.storage is PointStorage.BUFFERED:
+            self.capacity_limit = self.settings.point_buffer_mib * (1 << 20) // BYTES_PER_POINT
+            self.points = _LinearStore(self.device, min(self.capacity_limit, max(1 << 18, 3 * self.work.triangle_count)))
+            self._portions = self._plan_portions()
+            self.portion_count = len(self._portions)
+
+    # buffered
+
+    def _plan_portions(self) -> list[tuple[int, int]]:
+        """Ranges of work groups whose points fit into the buffer; the last range's points are in it afterwards."""
+        pending, fitting, total, culled = [(0, self.work.group_count)], [], 0, 0
+        while pending:
+            first, count = pending.pop()
+            points, culled_here = self._generate_into_buffer(first, count)
+            if points > self.points.texel_count and points <= self.capacity_limit:
+                self.points.reserve(points)
+                points, culled_here = self._generate_into_buffer(first, count)
+            if points <= self.points.texel_count:
+                fitting.append((first, count))
+                total, culled = total + points, culled + culled_here
+            elif count == 1:
+                raise DeviceError(
+                    f"{points} points of {self.work.triangle_count} triangles do not fit into the point buffer of "
+                    f"{self.settings.point_buffer_mib} MiB; use bufferless points or the method mvr"
+                )
+            else:
+                half = count // 2
+                pending += [(first + half, count - half), (first, half)]
+        self.point_count, self.culled_triangle_count = total, culled
+        return fitting
+
+    def _generate_into_buffer(self, first_group: int, group_count: int) -> tuple[int, int]:
+        """Returns how many points there are (more than the buffer holds: the rest is lost) and triangles culled."""
+        self._run_triangles(BUFFER_TRIANGLES, first_group, group_count, points=self.points.texture, point_capacity=self.points.texel_count)
+        self._run_tiles(BUFFER_TILES, points=self.points.texture, point_capacity=self.points.texel_count)
+        counters = self.device.read(self.counters)[0]
+        self.buffered_point_count = int(counters[0])
+        return int(counters[0]), int(counters[2])
+
+    def _run_triangles(self, declaration, first_group: int, group_count: int, **outputs) -> None:
+        kernel = self.device.compute_kernel(declaration, *self.flags)
+
+        def run() -> int:
+            self.device.fill(self.counters, 0)
+            kernel.dispatch_linear(
+                group_count * kernel.declaration.local_size[0],
+                **self.sampling_bindings,
+                **outputs,
+                work_table=self.work.texture,
+                first_group=first_group,
+                group_count=group_count,
+                counters=self.counters,
+                tiles=self.tiles.texture,
+                tile_capacity=self.tiles.texel_count // TEXELS_PER_TILE,
+            )
+            return int(self.device.read(self.counters)[0, 1])
+
+        self.tile_count = run()
+        if self.tile_count * TEXELS_PER_TILE > self.tiles.texel_count:
+            self.tiles.reserve(self.tile_count * TEXELS_PER_TILE)
+            self.tile_count = run()
+
+    def _run_tiles(self, declaration, **outputs) -> None:
+        self.device.compute_kernel(declaration, *self.flags).dispatch_linear(
+            self.tile_count * TILE_CELLS,
+            **self.sampling_bindings,
+            **outputs,
+            tile_list=self.tiles.texture,
+            tile_count=self.tile_count,
+            counters=self.counters,
+        )
+
+    # batches
+
+    def fill(self, maps: DepthMaps, selected: range) -> None:
+        self.device.run(self._fill, maps, selected)
+
+    def _fill(self, maps: DepthMaps, selected: range) -> None:
+        self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
+        outputs = {"depth_maps": maps.texture, "views": self.views_table(selected), "view_count": len(selected)}
+        if self.storage is PointStorage.BUFFERLESS:
+            self._run_triangles(SPLAT_TRIANGLES, 0, self.work.group_count, **outputs)
+            self._run_tiles(SPLAT_TILES, **outputs)
+            counters = self.device.read(self.counters)[0]
+            self.point_count, self.culled_triangle_count = int(counters[0]), int(counters[2])
+            return
+        for first, count in self._portions:
+            if len(self._portions) > 1:
+                self._generate_into_buffer(first, count)
+            self.device.compute_kernel(SPLAT_POINTS).dispatch_linear(
+                self.buffered_point_count, **outputs, face=self.face_table, points=self.points.texture, point_count=self.buffered_point_count
+            )
+
+    def release(self) -> None:
+        for thing in (self.work, self.counters, self.tiles):
+            thing.release()
+        if self.storage is PointStorage.BUFFERED:
+            self.points.release()

@@ -1,0 +1,31 @@
+"""Multiview rasterization: the scene is drawn once per view, as fairly as can be.
+
+Per view only the instances that its window sees, closed surfaces with back faces culled, instances of a mesh as one
+instanced draw, all views of a batch into one target, linear depth from the fragment's 1/w without a varying.
+"""
+
+from __future__ import annotations
+
+from ...device.interface import EMPTY_DEPTH_BITS
+from ..passes.shadow_maps import RASTERIZE_DEPTH, DepthMaps
+from .base import DepthMapMethod
+
+
+class MultiviewRasterization(DepthMapMethod):
+    def fill(self, maps: DepthMaps, selected: range) -> None:
+        self.device.run(self._fill, maps, selected)
+
+    def _fill(self, maps: DepthMaps, selected: range) -> None:
+        kernel = self.device.raster_kernel(RASTERIZE_DEPTH)
+        target = maps.target
+        self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
+        self.device.fill(target.depth, 0)
+        views = self.fitted.views
+        table = self.views_table(selected)
+        for index, view in enumerate(selected):
+            seen = self.fitted.caster_indices[self.fitted.seen_by_view[view]]
+            viewport = (0, index * views.map_height_px, views.map_width_px, views.map_height_px)
+            draws = self.scene_data.draws(seen, self.culled)
+            kernel.draw(
+                target, viewport, draws, instances=self.scene_data.instances, face=self.face_table, views=table, view_index=index
+            )

@@ -1,0 +1,170 @@
+"""The scene on the device: textures that kernels index, and meshes for the rasterizer.
+
+    vertices          one texel a vertex: position (object space), octahedral normal packed in 24 bits
+    triangles         one texel a triangle: three vertex indices within the mesh, unused
+    corner_normals    one texel a triangle: three packed normals; only of meshes whose corners differ
+    instances         INSTANCE_TEXELS texels an instance: three rows of world_from_object; vertex and triangle base;
+                      corner base, shading kind, orientation; stable id
+Integers are floats here (Blender uploads only floats), those that may exceed 2^24 split into high and low 16 bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ...device.declaration import Sampled
+from ...device.interface import Device, DeviceMesh, Draw, Texture
+from ..scene import Mesh, SceneSnapshot
+
+INSTANCE_TEXELS = 6
+SHADING_FLAT, SHADING_POINT, SHADING_CORNER = 0, 1, 2
+WORK_GROUP_SIZE = 64
+"""triangles that one entry of a work table covers, and invocations of the kernels that walk it"""
+
+SCENE_TEXTURES: Mapping[str, Sampled] = {
+    "vertices": Sampled("sampler2D", "position (object space) and packed normal of every vertex"),
+    "triangles": Sampled("sampler2D", "vertex indices of every triangle, within its mesh"),
+    "instances": Sampled("sampler2D", "transforms and bases of every instance"),
+}
+SCENE_DEFINES = {"INSTANCE_TEXELS": INSTANCE_TEXELS}
+
+
+def pack_directions(directions: np.ndarray) -> np.ndarray:
+    """(..., 3) unit vectors -> (...) float32 holding 24 bits; the host's side of lib/octahedral.glsl."""
+    length = np.abs(directions).sum(axis=-1, keepdims=True)
+    p = directions / np.where(length > 0, length, 1)
+    xy = p[..., :2]
+    wrapped = (1 - np.abs(xy[..., ::-1])) * np.where(xy >= 0, 1, -1)
+    q = np.floor((np.where(p[..., 2:] < 0, wrapped, xy) * 0.5 + 0.5) * 4095 + 0.5)
+    return (q[..., 0] * 4096 + q[..., 1]).astype(np.float32)
+
+
+def split_integers(values: np.ndarray) -> np.ndarray:
+    """(...) non-negative integers -> (..., 2) float32: high and low 16 bits, both exact."""
+    values = np.asarray(values, np.int64)
+    return np.stack([values >> 16, values & 0xFFFF], axis=-1).astype(np.float32)
+
+
+def _shading_of(mesh: Mesh) -> int:
+    if mesh.corner_normals_os is not None:
+        return SHADING_CORNER
+    return SHADING_POINT if mesh.point_normals_os is not None else SHADING_FLAT
+
+
+class SceneData:
+    """Uploads a snapshot. Release it with `release()`; meshes for the rasterizer are uploaded when first drawn."""
+
+    def __init__(self, snapshot: SceneSnapshot, device: Device) -> None:
+        self.snapshot, self.device = snapshot, device
+        self._drawables: dict[int, DeviceMesh] = {}
+        meshes = snapshot.meshes
+        vertex_counts = [mesh.vertex_count for mesh in meshes]
+        triangle_counts = np.array([mesh.triangle_count for mesh in meshes], np.int64)
+        corner_counts = [mesh.triangle_count if mesh.corner_normals_os is not None else 0 for mesh in meshes]
+        self.triangle_counts = triangle_counts
+        self.vertex_bases, self.triangle_bases, self.corner_bases = (
+            np.concatenate([[0], np.cumsum(counts)]).astype(np.int64) for counts in (vertex_counts, triangle_counts, corner_counts)
+        )
+        self.shading = np.array([_shading_of(mesh) for mesh in meshes], np.int64)
+        self.orientation = np.where(np.linalg.det(snapshot.instances.world_from_object[:, :3, :3].astype(np.float64)) < 0, -1.0, 1.0)
+        self.vertices = device.upload_array(self._vertex_rows())
+        self.triangles = device.upload_array(self._triangle_rows())
+        self.corner_normals = device.upload_array(self._corner_rows())
+        self.instances = device.upload_array(self._instance_rows())
+
+    def _vertex_rows(self) -> np.ndarray:
+        rows = np.zeros((int(self.vertex_bases[-1]), 4), np.float32)
+        for mesh, base in zip(self.snapshot.meshes, self.vertex_bases, strict=False):
+            part = rows[base : base + mesh.vertex_count]
+            part[:, :3] = mesh.positions_os
+            if mesh.point_normals_os is not None:
+                part[:, 3] = pack_directions(mesh.point_normals_os)
+        return rows
+
+    def _triangle_rows(self) -> np.ndarray:
+        rows = np.zeros((int(self.triangle_bases[-1]), 4), np.float32)
+        for mesh, base in zip(self.snapshot.meshes, self.triangle_bases, strict=False):
+            rows[base : base + mesh.triangle_count, :3] = mesh.triangles
+        return rows
+
+    def _corner_rows(self) -> np.ndarray:
+        rows = np.zeros((int(self.corner_bases[-1]), 4), np.float32)
+        for mesh, base in zip(self.snapshot.meshes, self.corner_bases, strict=False):
+            if mesh.corner_normals_os is not None:
+                rows[base : base + mesh.triangle_count, :3] = pack_directions(mesh.corner_normals_os)
+        return rows
+
+    def _instance_rows(self) -> np.ndarray:
+        instances = self.snapshot.instances
+        rows = np.zeros((len(instances), INSTANCE_TEXELS, 4), np.float32)
+        rows[:, :3] = instances.world_from_object[:, :3]
+        mesh = instances.mesh_index
+        rows[:, 3, :2] = split_integers(self.vertex_bases[mesh])
+        rows[:, 3, 2:] = split_integers(self.triangle_bases[mesh])
+        rows[:, 4, :2] = split_integers(self.corner_bases[mesh])
+        rows[:, 4, 2] = self.shading[mesh]
+        rows[:, 4, 3] = self.orientation
+        rows[:, 5, :2] = split_integers(instances.stable_id)
+        return rows.reshape(-1, 4)
+
+    @property
+    def bindings(self) -> dict[str, Texture]:
+        return {"vertices": self.vertices, "triangles": self.triangles, "instances": self.instances}
+
+    def drawable(self, mesh_index: int) -> DeviceMesh:
+        if mesh_index not in self._drawables:
+            mesh = self.snapshot.meshes[mesh_index]
+            self._drawables[mesh_index] = self.device.upload_mesh(mesh.positions_os, mesh.triangles)
+        return self._drawables[mesh_index]
+
+    def draws(self, instance_indices: np.ndarray, culled: np.ndarray | None = None) -> list[Draw]:
+        """Draw calls for some instances, runs of consecutive instances of one mesh as one instanced draw.
+
+        culled: (instance_count,) bool, instances whose back faces are left out; only those that the transform does not
+        mirror are (a mirrored one would need the other winding, and drawing both faces is right too).
+        """
+        instances = self.snapshot.instances
+        order = np.asarray(instance_indices)[np.lexsort((instance_indices, instances.mesh_index[instance_indices]))]
+        cull = np.zeros(len(order), bool) if culled is None else culled[order] & (self.orientation[order] > 0)
+        mesh = instances.mesh_index[order]
+        starts = np.flatnonzero(np.r_[True, (np.diff(order) != 1) | (np.diff(mesh) != 0) | (np.diff(cull.astype(int)) != 0)]) if len(order) else []
+        ends = [*list(starts[1:]), len(order)] if len(order) else []
+        return [
+            Draw(self.drawable(int(mesh[start])), int(end - start), {"first_instance": int(order[start])}, bool(cull[start]))
+            for start, end in zip(starts, ends, strict=True)
+        ]
+
+    def work_table(self, instance_indices: np.ndarray, two_sided: np.ndarray) -> WorkTable:
+        """One texel per WORK_GROUP_SIZE triangles of the given instances.
+
+        two_sided: (instance_count,) bool, whether back faces count.
+        """
+        counts = self.triangle_counts[self.snapshot.instances.mesh_index[instance_indices]]
+        groups = -(-counts // WORK_GROUP_SIZE)
+        instance = np.repeat(instance_indices, groups)
+        first_group = np.repeat(np.cumsum(groups) - groups, groups)
+        rows = np.zeros((len(instance), 4), np.float32)
+        rows[:, 0] = instance
+        rows[:, 1] = (np.arange(len(instance)) - first_group) * WORK_GROUP_SIZE
+        rows[:, 2] = np.repeat(counts, groups)
+        rows[:, 3] = two_sided[instance]
+        return WorkTable(self.device.upload_array(rows), len(rows), int(counts.sum()))
+
+    def release(self) -> None:
+        for texture in (self.vertices, self.triangles, self.corner_normals, self.instances):
+            texture.release()
+        for mesh in self._drawables.values():
+            mesh.release()
+
+
+class WorkTable:
+    """Which triangles a dispatch walks: texel g tells work group g its instance, first triangle, the mesh's triangle count,
+    and whether back faces count. Triangle numbers are exact up to 2^24 a mesh."""
+
+    def __init__(self, texture: Texture, group_count: int, triangle_count: int) -> None:
+        self.texture, self.group_count, self.triangle_count = texture, group_count, triangle_count
+
+    def release(self) -> None:
+        self.texture.release()

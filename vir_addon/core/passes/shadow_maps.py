@@ -1,0 +1,187 @@
+"""Depth maps of a batch of views of one face: drawn by the rasterizer or splatted from points, then looked up.
+
+The maps of a batch are one R32UI texture, stacked from bottom to top: bits of positive floats (linear depth in metres),
+so that the smallest depth is the smallest integer; EMPTY_DEPTH_BITS where nothing is.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table
+from ...device.interface import Device, RenderTarget, Texture, TextureFormat
+from ..scene import Light
+from ..views import FaceViews
+from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, WORK_GROUP_SIZE
+
+MAX_BATCH_VIEWS = 8
+"""Maps that exist at the same time. More would leave the caches: 64 at once took up to 4 times longer a look-up."""
+MAX_HULL_CORNERS = 8
+
+FACE_TABLE = Table(7, "face space, texel size, map size, near and far depth, limits, light's axis and spread")
+VIEWS_TABLE = Table(2 * MAX_BATCH_VIEWS, "two rows a view: centre (face space) and first row of its map; the window's place on the lattice")
+VIEW_COUNT = Constant("int", "views in this batch")
+DEPTH_MAPS_ATOMIC = Stored("R32UI", "atomic", "depth maps of the batch")
+
+RASTERIZE_DEPTH = RasterDeclaration(
+    name="depth_map",
+    text="rasterizes linear depth of one view",
+    vertex_source="depth_map.vert.glsl",
+    fragment_source="depth_map.frag.glsl",
+    textures={"instances": SCENE_TEXTURES["instances"]},
+    constants={
+        "first_instance": Constant("int", "instance number of the draw's first instance"),
+        "view_index": Constant("int", "which view of the batch"),
+    },
+    tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
+    output_name="depth_bits",
+    output_type="uint",
+    defines=SCENE_DEFINES,
+)
+
+SPLAT_POINTS = ComputeDeclaration(
+    name="splat_points",
+    text="replays the point buffer into the maps of a batch",
+    source="splat_points.comp.glsl",
+    textures={"points": Sampled("sampler2D", "position (face space) and packed normal")},
+    images={"depth_maps": DEPTH_MAPS_ATOMIC},
+    constants={"view_count": VIEW_COUNT, "point_count": Constant("int", "points in the buffer")},
+    tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
+)
+
+SAMPLING_TABLES = {
+    "face": FACE_TABLE,
+    "hull": Table(MAX_HULL_CORNERS, "corners of the convex hull of all view centres (face space)"),
+    "seen_space": Table(6, "planes around everything that any view sees: dot(xyz, p) >= w inside"),
+}
+SAMPLING_CONSTANTS = {
+    "hull_count": Constant("int", "corners of the hull"),
+    "window_bounds": Constant("vec4", "tangents left, right, bottom, top around all windows"),
+}
+SAMPLING_FLAGS = {
+    "WATERTIGHT": "point spacing that leaves no texel empty instead of the published density",
+    "STOCHASTIC_CULLING": "cull triangles below a tenth of a texel with probability 1 - 10 A",
+}
+COUNTERS = Stored("R32UI", "atomic", "texel 0: points, 1: tiles, 2: culled triangles")
+POINT_STORE = {"points": Stored("RGBA32F", "write", "position (face space) and packed normal")}
+
+
+def _generate(name: str, text: str, source_flag: str, output_flag: str) -> ComputeDeclaration:
+    from_triangles = source_flag == "FROM_TRIANGLES"
+    into_buffer = output_flag == "INTO_BUFFER"
+    textures = dict(SCENE_TEXTURES)
+    images = {"counters": COUNTERS}
+    constants = dict(SAMPLING_CONSTANTS)
+    tables = dict(SAMPLING_TABLES)
+    if from_triangles:
+        textures["work_table"] = Sampled("sampler2D", "instance, first triangle, triangle count and two-sidedness of every work group")
+        images["tiles"] = Stored("RGBA32F", "write", "two texels a tile of a large triangle: instance and triangle; corner and cell size")
+        constants |= {
+            "group_count": Constant("int", "work groups of this portion"),
+            "first_group": Constant("int", "the portion's first work group"),
+            "tile_capacity": Constant("int", "tiles that the list holds"),
+        }
+    else:
+        textures["tile_list"] = Sampled("sampler2D", "tiles of large triangles")
+        constants["tile_count"] = Constant("int", "tiles in the list")
+    if into_buffer:
+        images |= POINT_STORE
+        constants["point_capacity"] = Constant("int", "points that the buffer holds")
+    else:
+        images["depth_maps"] = DEPTH_MAPS_ATOMIC
+        constants["view_count"] = VIEW_COUNT
+        tables["views"] = VIEWS_TABLE
+    return ComputeDeclaration(
+        name=name,
+        text=text,
+        source="generate_points.comp.glsl",
+        local_size=(WORK_GROUP_SIZE, 1, 1),
+        textures=textures,
+        images=images,
+        constants=constants,
+        tables=tables,
+        flags=SAMPLING_FLAGS,
+        defines={**SCENE_DEFINES, source_flag: 1, output_flag: 1},
+    )
+
+
+BUFFER_TRIANGLES = _generate("buffer_triangles", "points of small triangles into the buffer", "FROM_TRIANGLES", "INTO_BUFFER")
+BUFFER_TILES = _generate("buffer_tiles", "points of large triangles into the buffer", "FROM_TILES", "INTO_BUFFER")
+SPLAT_TRIANGLES = _generate("splat_triangles", "points of small triangles into the maps", "FROM_TRIANGLES", "INTO_MAPS")
+SPLAT_TILES = _generate("splat_tiles", "points of large triangles into the maps", "FROM_TILES", "INTO_MAPS")
+
+RESOLVE = ComputeDeclaration(
+    name="resolve",
+    text="looks visible surfaces up in the maps of a batch and accumulates the pass",
+    source="resolve.comp.glsl",
+    local_size=(8, 8, 1),
+    textures={
+        "positions": Sampled("sampler2D", "position (world space) and instance number, -1 for the background"),
+        "normals": Sampled("sampler2D", "geometric normal (world space) and packed shading normal"),
+        "depth_maps": Sampled("usampler2D", "depth maps of the batch"),
+        "receivers": Sampled("sampler2D", "x: whether an instance receives this light; read with RECEIVER_LINKING"),
+    },
+    images={
+        "moments": Stored("RGBA32F", "read_write", "sums over batches of shadowed s, delivered d, s^2, s d"),
+        "coverage": Stored("RGBA32F", "read_write", "sums over batches of d^2 and of surface samples"),
+        "batch_sums": Stored("RGBA32F", "read_write", "s and d of the faces of this batch so far"),
+    },
+    constants={
+        "width": Constant("int", "of the picture, pixels"),
+        "height": Constant("int", "of the picture, pixels"),
+        "view_count": VIEW_COUNT,
+        "first_face": Constant("int", "1 for the first face of a batch"),
+        "last_face": Constant("int", "1 for the last face of a batch"),
+    },
+    tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
+    flags={"RECEIVER_LINKING": "leave out instances that the light does not illuminate", "MANY_FACES": "several faces share the directions"},
+    defines={"BIAS_FOOTPRINTS": 0.3, "BIAS_SLOPE_FOOTPRINTS": 0.25, "BIAS_MAX_SLOPE": 8.0},
+)
+
+
+def face_table(views: FaceViews, light_position_ws: np.ndarray, light_axis_ws: np.ndarray, spread_rad: float) -> np.ndarray:
+    """(7, 4) float64 rows of FACE_TABLE. Composed in float64: the light may stand far from what it lights."""
+    rotation = views.face.face_from_world
+    table = np.zeros((7, 4))
+    table[:3, :3] = rotation
+    table[:3, 3] = -rotation @ light_position_ws
+    table[3] = *views.texel_tangent, views.map_width_px, views.map_height_px
+    table[4, :3] = views.near_m, views.far_m, views.far_m**2
+    table[5] = views.face.limits
+    table[6, :3] = rotation @ light_axis_ws
+    table[6, 3] = 0.0 if spread_rad >= math.pi - 1e-4 else math.tan(spread_rad / 2)
+    return table
+
+
+def views_table(views: FaceViews, selected: range) -> np.ndarray:
+    """(2 * len(selected), 4) rows of VIEWS_TABLE; the maps are stacked in the order of `selected`."""
+    table = np.zeros((2 * len(selected), 4))
+    table[0::2, :3] = views.centers_fs[selected.start : selected.stop]
+    table[0::2, 3] = np.arange(len(selected)) * views.map_height_px
+    table[1::2, :2] = views.window_texels[selected.start : selected.stop]
+    return table
+
+
+class DepthMaps:
+    """The texture of a batch's maps; the depth attachment exists only once the rasterizer asks for it."""
+
+    def __init__(self, device: Device, width_px: int, height_px: int, view_count: int) -> None:
+        self.device, self.view_count = device, view_count
+        self.width_px, self.height_px = width_px, height_px
+        self.texture: Texture = device.create_texture(width_px, height_px * view_count, TextureFormat.R32UI)
+        self._target: RenderTarget | None = None
+
+    @property
+    def target(self) -> RenderTarget:
+        if self._target is None:
+            depth = self.device.create_texture(self.texture.width, self.texture.height, TextureFormat.DEPTH32F)
+            self._target = self.device.create_target(self.texture, depth)
+        return self._target
+
+    def release(self) -> None:
+        if self._target is not None:
+            self._target.release()
+            self._target.depth.release()
+        self.texture.release()

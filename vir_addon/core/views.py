@@ -1,0 +1,119 @@
+"""Views of a light and how they are fitted.
+
+Face space of a light: origin at the light's centre, axes (right, up, forward), forward being the direction of sight;
+z is linear depth in metres and a point projects to tangents (x/z, y/z). One face looks along the light's axis as long as all
+receivers lie within MAX_SINGLE_FACE_TANGENT of it; otherwise the front half of a cube: the axis and four sides.
+
+All views of a face share its orientation and its texel size, they differ in the view's centre (the light sample) and in the
+window's place on the texel lattice. Texel sizes come from a geometric ladder and windows start at whole texels, so a
+moving camera shifts lattices by whole texels and shadows do not swim.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .scene import Light
+
+MAX_SINGLE_FACE_TANGENT = math.tan(math.radians(50))
+"""one frustum of at most 100 degrees; beyond it the texels at the rim become too much coarser than needed at the centre"""
+LADDER_STEPS_PER_OCTAVE = 8
+"""texel sizes are powers of 2^(1/8): at most 9 % of a map's width is lost to the ladder"""
+WINDOW_MARGIN_TEXELS = 2
+FACE_BORDER_TEXELS = 2
+"""cube faces overlap by this much, so that look-ups at their seams find their texel on either side"""
+NEAR_SHARE_OF_FAR = 1e-4
+"""Surfaces nearer to a view than this share of the farthest receiver neither cast nor count: the light touches them."""
+
+
+@dataclass(frozen=True)
+class Face:
+    """An orientation that all views of a light share."""
+
+    name: str
+    face_from_world: np.ndarray
+    """(3, 3) float64 rows right, up, forward"""
+    limits: tuple[float, float, float, float]
+    """tangents left, right, bottom, top beyond which another face (or nothing) is responsible"""
+
+
+def _rows(right: np.ndarray, up: np.ndarray, forward: np.ndarray) -> np.ndarray:
+    return np.stack([right, up, forward])
+
+
+def light_axes(light: Light) -> np.ndarray:
+    """(3, 3) float64 rows right, up, forward of an area light: it emits along its -z. Mirrored in x so that
+    right x up points against forward, as on a screen seen by the light."""
+    x, y, z = light.world_from_light[:3, :3].T
+    return _rows(x, y, -z)
+
+
+def area_light_faces(light: Light, needs_cube: bool) -> tuple[Face, ...]:
+    right, up, forward = light_axes(light)
+    if not needs_cube:
+        t = MAX_SINGLE_FACE_TANGENT
+        return (Face("front", _rows(right, up, forward), (-t, t, -t, t)),)
+    # the sides see only what lies before the light's plane: their forward half towards the axis
+    return (
+        Face("front", _rows(right, up, forward), (-1, 1, -1, 1)),
+        Face("right", _rows(-forward, up, right), (-1, 0, -1, 1)),
+        Face("left", _rows(forward, up, -right), (0, 1, -1, 1)),
+        Face("top", _rows(right, -forward, up), (-1, 1, -1, 0)),
+        Face("bottom", _rows(right, forward, -up), (-1, 1, 0, 1)),
+    )
+
+
+@dataclass(frozen=True)
+class FaceViews:
+    """The views of one face, fitted. Lengths in metres, tangents without unit."""
+
+    face: Face
+    centers_fs: np.ndarray
+    """(view_count, 3) float64 view centres in face space"""
+    texel_tangent: tuple[float, float]
+    """width and height of a texel in tangents, common to all views"""
+    window_texels: np.ndarray
+    """(view_count, 2) int64: the map's texel (0, 0) has this index on the lattice that starts at tangent 0"""
+    map_width_px: int
+    map_height_px: int
+    near_m: float
+    far_m: float
+
+    @property
+    def view_count(self) -> int:
+        return len(self.centers_fs)
+
+    def window_tangents(self, view: int) -> tuple[float, float, float, float]:
+        """left, right, bottom, top"""
+        (tx, ty), (x, y) = self.texel_tangent, self.window_texels[view]
+        return x * tx, (x + self.map_width_px) * tx, y * ty, (y + self.map_height_px) * ty
+
+
+def snap_up_to_ladder(size: float) -> float:
+    """The smallest power of 2^(1/8) that is at least `size`."""
+    return 2.0 ** (math.ceil(math.log2(size) * LADDER_STEPS_PER_OCTAVE - 1e-9) / LADDER_STEPS_PER_OCTAVE)
+
+
+def fit_windows(face: Face, centers_fs: np.ndarray, windows: np.ndarray, resolution_px: int, near_m: float, far_m: float) -> FaceViews:
+    """Place one map per view over its window.
+
+    windows: (view_count, 4) float64 tangents left, right, bottom, top that the maps must cover.
+    A small window gets a smaller map, not finer texels than `MIN_TEXEL` would need.
+    """
+    widths = windows[:, 1] - windows[:, 0], windows[:, 3] - windows[:, 2]
+    usable = resolution_px - 2 * WINDOW_MARGIN_TEXELS - 1
+    tangents = [snap_up_to_ladder(max(float(width.max()), 1e-6) / usable) for width in widths]
+    origin = [np.floor(windows[:, 2 * axis] / tangents[axis]).astype(np.int64) - WINDOW_MARGIN_TEXELS for axis in (0, 1)]
+    return FaceViews(
+        face=face,
+        centers_fs=centers_fs,
+        texel_tangent=(tangents[0], tangents[1]),
+        window_texels=np.stack(origin, axis=-1),
+        map_width_px=resolution_px,
+        map_height_px=resolution_px,
+        near_m=near_m,
+        far_m=far_m,
+    )

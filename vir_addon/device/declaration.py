@@ -1,0 +1,111 @@
+"""What a kernel takes and gives, declared once.
+
+The same declaration makes the GLSL interface for moderngl, the GPUShaderCreateInfo for Blender's gpu module, and the
+check that every name is bound and none is unknown. Shader files hold bodies only, no `layout` and no `uniform`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+CONSTANT_FLOATS = {"int": 1, "float": 1, "vec2": 2, "vec3": 3, "vec4": 4, "mat4": 16}
+"""Constants live in push constants on Blender's side: 128 bytes are guaranteed, of which mat4 takes half."""
+MAX_CONSTANT_BYTES = 128
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A texture that a kernel reads with texelFetch."""
+
+    sampler: str
+    """'sampler2D' or 'usampler2D'"""
+    text: str
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A texture that a kernel writes, or updates atomically."""
+
+    texture_format: str
+    """one of `interface.TextureFormat` values, e.g. 'R32UI'"""
+    access: str
+    """'write', 'read_write' or 'atomic'"""
+    text: str
+
+
+@dataclass(frozen=True)
+class Constant:
+    glsl_type: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """An array of vec4 in a uniform block: small tables that every invocation walks through, e.g. the views of a batch."""
+
+    length: int
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class KernelDeclaration:
+    name: str
+    text: str
+    textures: Mapping[str, Sampled] = field(default_factory=dict)
+    images: Mapping[str, Stored] = field(default_factory=dict)
+    constants: Mapping[str, Constant] = field(default_factory=dict)
+    tables: Mapping[str, Table] = field(default_factory=dict)
+    flags: Mapping[str, str] = field(default_factory=dict)
+    """preprocessor names that select a variant, each with what it does"""
+    defines: Mapping[str, int | float] = field(default_factory=dict)
+    """numbers that host and shader share"""
+
+    def __post_init__(self) -> None:
+        size = sum(4 * CONSTANT_FLOATS[constant.glsl_type] for constant in self.constants.values())
+        if size > MAX_CONSTANT_BYTES:
+            raise ValueError(f"kernel {self.name}: {size} bytes of constants, {MAX_CONSTANT_BYTES} are guaranteed; use a table")
+
+    @property
+    def binding_names(self) -> frozenset[str]:
+        return frozenset([*self.textures, *self.images, *self.constants, *self.tables])
+
+    def check_bindings(self, given: Iterable[str]) -> None:
+        """Raises TypeError that names what is missing and what is unknown."""
+        names = set(given)
+        missing, unknown = self.binding_names - names, names - self.binding_names
+        if missing or unknown:
+            parts = [f"missing {sorted(missing)}"] * bool(missing) + [f"unknown {sorted(unknown)}"] * bool(unknown)
+            raise TypeError(f"kernel {self.name}: {', '.join(parts)}")
+
+    def check_flags(self, given: Iterable[str]) -> None:
+        unknown = set(given) - set(self.flags)
+        if unknown:
+            raise TypeError(f"kernel {self.name}: unknown flags {sorted(unknown)}, it has {sorted(self.flags)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComputeDeclaration(KernelDeclaration):
+    source: str
+    """file name in gpu_shaders/"""
+    local_size: tuple[int, int, int] = (64, 1, 1)
+
+
+@dataclass(frozen=True)
+class Varying:
+    glsl_type: str
+    interpolation: str
+    """'smooth' or 'flat'"""
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class RasterDeclaration(KernelDeclaration):
+    """Draws indexed triangle meshes whose one attribute is `position_os` (vec3)."""
+
+    vertex_source: str
+    fragment_source: str
+    varyings: Mapping[str, Varying] = field(default_factory=dict)
+    output_name: str
+    output_type: str
+    """'uint', 'uvec2' or 'uvec4': the one colour attachment"""

@@ -1,0 +1,168 @@
+"""The small interface behind which both backends stand. Passes know only this."""
+
+from __future__ import annotations
+
+import abc
+import enum
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from .declaration import ComputeDeclaration, RasterDeclaration
+
+Result = TypeVar("Result")
+
+LINEAR_TEXTURE_WIDTH = 4096
+"""Arrays on the device are textures of this width, filled row by row; lib/linear_texel.glsl addresses them."""
+EMPTY_DEPTH_BITS = 0x7F7FFFFF
+"""'Nothing here' in depth maps: the bits of the largest finite float. A pattern that decodes to NaN would make every comparison false."""
+
+
+class TextureFormat(enum.Enum):
+    """name -> (channels, numpy dtype of a read-back)"""
+
+    R32UI = "R32UI"
+    RG32UI = "RG32UI"
+    RGBA32F = "RGBA32F"
+    DEPTH32F = "DEPTH32F"
+
+    @property
+    def channel_count(self) -> int:
+        return {"R32UI": 1, "RG32UI": 2, "RGBA32F": 4, "DEPTH32F": 1}[self.value]
+
+    @property
+    def is_unsigned(self) -> bool:
+        return self in (TextureFormat.R32UI, TextureFormat.RG32UI)
+
+
+class Texture(abc.ABC):
+    width: int
+    height: int
+    format: TextureFormat
+
+    @abc.abstractmethod
+    def release(self) -> None: ...
+
+    @property
+    def byte_count(self) -> int:
+        return 4 * self.format.channel_count * self.width * self.height
+
+
+class DeviceMesh(abc.ABC):
+    triangle_count: int
+
+    @abc.abstractmethod
+    def release(self) -> None: ...
+
+
+class RenderTarget(abc.ABC):
+    """One unsigned colour attachment and a depth attachment of the same size."""
+
+    color: Texture
+    depth: Texture
+
+    @abc.abstractmethod
+    def release(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Some instances of one mesh; constants that change from draw to draw (ints only)."""
+
+    mesh: DeviceMesh
+    instance_count: int
+    constants: Mapping[str, int]
+    cull_back_faces: bool = False
+
+
+class ComputeKernel(abc.ABC):
+    declaration: ComputeDeclaration
+
+    @abc.abstractmethod
+    def dispatch(self, group_counts: tuple[int, int, int], **bindings: Any) -> None:
+        """Run. Every name of the declaration must be bound; numbers and matrices by value, textures by object,
+        tables as (rows, 4) float32 arrays."""
+
+    def dispatch_linear(self, invocation_count: int, **bindings: Any) -> None:
+        """Run at least `invocation_count` invocations in x; lib/linear_texel.glsl's `linear_invocation()` numbers them."""
+        if invocation_count <= 0:
+            return
+        groups = math.ceil(invocation_count / self.declaration.local_size[0])
+        rows = math.ceil(groups / MAX_GROUPS_PER_ROW)
+        self.dispatch((math.ceil(groups / rows), rows, 1), **bindings)
+
+
+MAX_GROUPS_PER_ROW = 32768
+"""Half of what OpenGL guarantees for one dimension of a dispatch."""
+
+
+class RasterKernel(abc.ABC):
+    declaration: RasterDeclaration
+
+    @abc.abstractmethod
+    def draw(self, target: RenderTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], **bindings: Any) -> None:
+        """Draw with depth test 'less' into `viewport` (x, y, width, height) of the target."""
+
+
+class Device(abc.ABC):
+    """A GPU (or its software stand-in). All methods may be called from any thread; work happens on the device's own."""
+
+    name: str
+    """'moderngl' or 'gpu'"""
+    description: str
+    """renderer and driver, as the driver names itself"""
+    max_texture_size_px: int
+
+    @abc.abstractmethod
+    def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Call on the device's thread; use it around many small calls."""
+
+    @abc.abstractmethod
+    def create_texture(self, width: int, height: int, texture_format: TextureFormat) -> Texture: ...
+
+    @abc.abstractmethod
+    def upload_texture(self, texels: np.ndarray) -> Texture:
+        """(height, width, 4) float32 -> RGBA32F"""
+
+    @abc.abstractmethod
+    def upload_mesh(self, positions: np.ndarray, triangles: np.ndarray) -> DeviceMesh:
+        """(vertex_count, 3) float32 and (triangle_count, 3) int32, for the rasterizer"""
+
+    @abc.abstractmethod
+    def create_target(self, color: Texture, depth: Texture) -> RenderTarget: ...
+
+    @abc.abstractmethod
+    def compute_kernel(self, declaration: ComputeDeclaration, *flags: str) -> ComputeKernel:
+        """Compiled once per variant and kept. DeviceError names the file and the line that the driver refuses."""
+
+    @abc.abstractmethod
+    def raster_kernel(self, declaration: RasterDeclaration, *flags: str) -> RasterKernel: ...
+
+    @abc.abstractmethod
+    def fill(self, texture: Texture, value: int) -> None:
+        """Set every texel's every channel of an unsigned texture, or depth to 1 for a depth texture."""
+
+    @abc.abstractmethod
+    def read(self, texture: Texture) -> np.ndarray:
+        """R32UI -> (height, width) uint32, RGBA32F -> (height, width, 4) float32; row 0 is the bottom row"""
+
+    @abc.abstractmethod
+    def finish(self) -> None:
+        """Wait until everything submitted is done: around what is timed."""
+
+    @abc.abstractmethod
+    def close(self) -> None: ...
+
+    def upload_array(self, rows: np.ndarray) -> Texture:
+        """(count, 4) float32 as a texture for `linear_texel`. UsageError when it exceeds the device's largest texture."""
+        from ..core.errors import UsageError
+
+        height = max(1, math.ceil(len(rows) / LINEAR_TEXTURE_WIDTH))
+        if height > self.max_texture_size_px:
+            raise UsageError(f"{len(rows)} texels exceed the device's largest texture ({self.max_texture_size_px} rows); split the scene")
+        texels = np.zeros((height * LINEAR_TEXTURE_WIDTH, 4), np.float32)
+        texels[: len(rows)] = rows
+        return self.upload_texture(texels.reshape(height, LINEAR_TEXTURE_WIDTH, 4))

@@ -1,0 +1,265 @@
+"""OpenGL through moderngl, in a context of its own that needs no display.
+
+The context is created and used on one dedicated thread. On Blender's main thread it would damage Blender's own context:
+glcontext ignores a failed eglMakeCurrent and leaves no context current on exit.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from ..core.errors import DeviceError
+from . import shader_source
+from .declaration import ComputeDeclaration, KernelDeclaration, RasterDeclaration
+from .fill import COVERING_TRIANGLE, FILL
+from .interface import (
+    EMPTY_DEPTH_BITS,
+    ComputeKernel,
+    Device,
+    DeviceMesh,
+    Draw,
+    RasterKernel,
+    RenderTarget,
+    Result,
+    Texture,
+    TextureFormat,
+)
+
+MINIMUM_OPENGL = 430
+
+
+class ModernglTexture(Texture):
+    def __init__(self, device: ModernglDevice, width: int, height: int, texture_format: TextureFormat, texels: bytes | None = None) -> None:
+        self.device, self.width, self.height, self.format = device, width, height, texture_format
+        context = device.context
+        if texture_format is TextureFormat.DEPTH32F:
+            self.handle = context.depth_texture((width, height))
+        else:
+            self.handle = context.texture((width, height), texture_format.channel_count, texels, dtype="u4" if texture_format.is_unsigned else "f4")
+            self.handle.filter = (device.moderngl.NEAREST, device.moderngl.NEAREST)
+
+    def release(self) -> None:
+        self.device.run(self.handle.release)
+
+
+class ModernglMesh(DeviceMesh):
+    def __init__(self, device: ModernglDevice, positions: np.ndarray, triangles: np.ndarray) -> None:
+        self.device, self.triangle_count = device, len(triangles)
+        self.positions = device.context.buffer(np.ascontiguousarray(positions, np.float32))
+        self.triangles = device.context.buffer(np.ascontiguousarray(triangles, np.int32))
+        self.vertex_arrays: dict[int, Any] = {}
+
+    def vertex_array(self, program: Any) -> Any:
+        if program.glo not in self.vertex_arrays:
+            content = [(self.positions, "3f", "position_os")]
+            self.vertex_arrays[program.glo] = self.device.context.vertex_array(program, content, self.triangles)
+        return self.vertex_arrays[program.glo]
+
+    def release(self) -> None:
+        self.device.run(self._release)
+
+    def _release(self) -> None:
+        for thing in (*self.vertex_arrays.values(), self.positions, self.triangles):
+            thing.release()
+
+
+class ModernglTarget(RenderTarget):
+    def __init__(self, device: ModernglDevice, color: ModernglTexture, depth: ModernglTexture) -> None:
+        self.device, self.color, self.depth = device, color, depth
+        self.handle = device.context.framebuffer([color.handle], depth.handle)
+
+    def release(self) -> None:
+        self.device.run(self.handle.release)
+
+
+class _Bindings:
+    """Binds a declaration's names to one program; shared by compute and raster kernels. Runs on the device's thread."""
+
+    def __init__(self, device: ModernglDevice, declaration: KernelDeclaration, program: Any) -> None:
+        self.device, self.declaration, self.program = device, declaration, program
+        self.table_buffers = {name: device.context.buffer(reserve=16 * table.length) for name, table in declaration.tables.items()}
+        for unit, name in enumerate(declaration.textures):
+            self._set(name, unit)
+
+    def _set(self, name: str, value: Any) -> None:
+        # the compiler drops names that a variant does not use
+        if name in self.program:
+            self.program[name].value = value
+
+    def bind(self, bindings: dict[str, Any]) -> None:
+        self.declaration.check_bindings(bindings)
+        for unit, name in enumerate(self.declaration.textures):
+            bindings[name].handle.use(unit)
+        for slot, (name, image) in enumerate(self.declaration.images.items()):
+            bindings[name].handle.bind_to_image(slot, read=image.access != "write", write=True)
+        for name, constant in self.declaration.constants.items():
+            value = bindings[name]
+            if constant.glsl_type == "mat4":
+                value = tuple(np.asarray(value, np.float32).T.ravel().tolist())
+            elif constant.glsl_type.startswith("vec"):
+                value = tuple(float(v) for v in value)
+            self._set(name, value)
+        for slot, (name, table) in enumerate(self.declaration.tables.items()):
+            self.table_buffers[name].write(table_bytes(name, table.length, bindings[name]))
+            self.table_buffers[name].bind_to_uniform_block(slot)
+
+
+def table_bytes(name: str, length: int, rows: np.ndarray) -> bytes:
+    """Rows padded with zeros to the declared length."""
+    rows = np.asarray(rows, np.float32)
+    if rows.ndim != 2 or rows.shape[1] != 4 or len(rows) > length:
+        raise TypeError(f"table {name} takes at most {length} rows of 4 floats, not an array of shape {rows.shape}")
+    return rows.tobytes().ljust(16 * length, b"\0")
+
+
+class ModernglComputeKernel(ComputeKernel):
+    def __init__(self, device: ModernglDevice, declaration: ComputeDeclaration, flags: tuple[str, ...]) -> None:
+        self.device, self.declaration = device, declaration
+        text = shader_source.opengl_compute(declaration, flags)
+        self.shader = device.compile(declaration, text, lambda: device.context.compute_shader(text))
+        self.bindings = _Bindings(device, declaration, self.shader)
+
+    def dispatch(self, group_counts: tuple[int, int, int], **bindings: Any) -> None:
+        self.device.run(self._dispatch, group_counts, bindings)
+
+    def _dispatch(self, group_counts: tuple[int, int, int], bindings: dict[str, Any]) -> None:
+        self.bindings.bind(bindings)
+        self.shader.run(*group_counts)
+        self.device.context.memory_barrier()
+
+
+class ModernglRasterKernel(RasterKernel):
+    def __init__(self, device: ModernglDevice, declaration: RasterDeclaration, flags: tuple[str, ...]) -> None:
+        self.device, self.declaration = device, declaration
+        vertex, fragment = shader_source.opengl_raster(declaration, flags)
+        self.program = device.compile(
+            declaration, vertex + fragment, lambda: device.context.program(vertex_shader=vertex, fragment_shader=fragment)
+        )
+        self.bindings = _Bindings(device, declaration, self.program)
+
+    def draw(self, target: RenderTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], **bindings: Any) -> None:
+        self.device.run(self._draw, target, viewport, draws, bindings)
+
+    def _draw(self, target: ModernglTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], bindings: dict[str, Any]) -> None:
+        context, moderngl = self.device.context, self.device.moderngl
+        target.handle.use()
+        target.handle.viewport = viewport
+        if not draws:
+            return
+        self.bindings.bind({**bindings, **draws[0].constants})
+        for draw in draws:
+            context.enable_only(moderngl.DEPTH_TEST | (moderngl.CULL_FACE if draw.cull_back_faces else 0))
+            for name, value in draw.constants.items():
+                self.bindings._set(name, value)
+            draw.mesh.vertex_array(self.program).render(instances=draw.instance_count)
+
+
+class ModernglDevice(Device):
+    name = "moderngl"
+
+    def __init__(self) -> None:
+        try:
+            import moderngl
+        except ImportError as error:
+            raise DeviceError(f"the package moderngl is not installed ({error}); run: python -m pip install moderngl") from error
+        self.moderngl = moderngl
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="vir-opengl")
+        self._kernels: dict[tuple[str, tuple[str, ...]], Any] = {}
+        try:
+            self._worker.submit(self._open).result()
+        except DeviceError:
+            self._worker.shutdown()
+            raise
+
+    def _open(self) -> None:
+        self._thread_id = threading.get_ident()
+        try:
+            self.context = self.moderngl.create_context(standalone=True, backend="egl", require=MINIMUM_OPENGL)
+        except Exception as error:
+            # glcontext raises bare Exceptions whose text is all there is to go by
+            raise DeviceError(
+                f"no OpenGL 4.3 context without a display could be made ({error}); on Debian or Ubuntu run: "
+                "apt-get install libegl1 libgl1 libgl1-mesa-dri"
+            ) from error
+        info = self.context.info
+        self.description = f"{info['GL_RENDERER']}, OpenGL {info['GL_VERSION']}"
+        self.max_texture_size_px = int(info["GL_MAX_TEXTURE_SIZE"])
+        self._fill_triangle = ModernglMesh(self, COVERING_TRIANGLE, np.array([[0, 1, 2]]))
+
+    def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        if threading.get_ident() == self._thread_id:
+            return function(*arguments)
+        return self._worker.submit(function, *arguments).result()
+
+    def compile(self, declaration: KernelDeclaration, text: str, build: Callable[[], Result]) -> Result:
+        try:
+            return build()
+        except self.moderngl.Error as error:
+            line = re.search(r"\b0:(\d+)\(", str(error))
+            source = f"\n    {text.splitlines()[int(line[1]) - 1].strip()}" if line else ""
+            raise DeviceError(f"kernel {declaration.name}: the driver refuses the shader:\n{str(error).strip()}{source}") from error
+
+    def _kernel(self, kind: type, declaration: Any, flags: tuple[str, ...]) -> Any:
+        key = (declaration.name, tuple(sorted(flags)))
+        if key not in self._kernels:
+            self._kernels[key] = self.run(kind, self, declaration, key[1])
+        return self._kernels[key]
+
+    def compute_kernel(self, declaration: ComputeDeclaration, *flags: str) -> ComputeKernel:
+        return self._kernel(ModernglComputeKernel, declaration, flags)
+
+    def raster_kernel(self, declaration: RasterDeclaration, *flags: str) -> RasterKernel:
+        return self._kernel(ModernglRasterKernel, declaration, flags)
+
+    def create_texture(self, width: int, height: int, texture_format: TextureFormat) -> Texture:
+        return self.run(ModernglTexture, self, width, height, texture_format)
+
+    def upload_texture(self, texels: np.ndarray) -> Texture:
+        height, width, _ = texels.shape
+        data = np.ascontiguousarray(texels, np.float32)
+        return self.run(ModernglTexture, self, width, height, TextureFormat.RGBA32F, data)
+
+    def upload_mesh(self, positions: np.ndarray, triangles: np.ndarray) -> DeviceMesh:
+        return self.run(ModernglMesh, self, positions, triangles)
+
+    def create_target(self, color: Texture, depth: Texture) -> RenderTarget:
+        return self.run(ModernglTarget, self, color, depth)
+
+    def fill(self, texture: Texture, value: int = EMPTY_DEPTH_BITS) -> None:
+        self.run(self._fill, texture, value)
+
+    def _fill(self, texture: ModernglTexture, value: int) -> None:
+        if texture.format is TextureFormat.DEPTH32F:
+            framebuffer = self.context.framebuffer(depth_attachment=texture.handle)
+            framebuffer.clear(depth=1.0)
+        else:
+            framebuffer = self.context.framebuffer([texture.handle])
+            framebuffer.use()
+            self.context.enable_only(self.moderngl.NOTHING)
+            kernel = self.raster_kernel(FILL)
+            kernel.bindings.bind({"value": value})
+            self._fill_triangle.vertex_array(kernel.program).render()
+        framebuffer.release()
+        self.context.memory_barrier()
+
+    def read(self, texture: Texture) -> np.ndarray:
+        return self.run(self._read, texture)
+
+    def _read(self, texture: ModernglTexture) -> np.ndarray:
+        dtype = np.uint32 if texture.format.is_unsigned else np.float32
+        values = np.frombuffer(texture.handle.read(), dtype)
+        shape = (texture.height, texture.width, texture.format.channel_count)
+        return values.reshape(shape[:2] if shape[2] == 1 else shape)
+
+    def finish(self) -> None:
+        self.run(lambda: self.context.finish())
+
+    def close(self) -> None:
+        self.run(self.context.release)
+        self._worker.shutdown()
