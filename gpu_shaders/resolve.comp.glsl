@@ -15,48 +15,46 @@
 // plane runs away along the ray while the surface does not.
 const float MAX_PLANE_SHIFT_FOOTPRINTS = 8.0;
 
-float delivered(vec3 to_view, float squared_distance, vec3 shading_fs) {
-    float inverse_distance = inversesqrt(squared_distance);
-    float cosine_receiver = dot(shading_fs, to_view) * inverse_distance;
-    float cosine_light = -dot(light_axis_fs, to_view) * inverse_distance;
-    if (cosine_receiver <= 0.0 || cosine_light <= 0.0) {
+float delivered(vec3 p, float squared_distance, vec3 shading_fs) {
+    float receiver = -dot(shading_fs, p);
+    float emitter = dot(light_axis_fs, p);
+    if (receiver <= 0.0 || emitter <= 0.0) {
         return 0.0;
     }
-    float spread = 1.0;
+    float inverse = 1.0 / squared_distance;
+    float weight = (receiver * inverse) * (emitter * inverse) * reference_squared_distance;
     if (tan_half_spread > 0.0) {
         // Blender's area light spread: linear in the tangent of the angle to the light's axis
-        float tangent = sqrt(max(1.0 - cosine_light * cosine_light, 0.0)) / cosine_light;
-        spread = max(tan_half_spread - tangent, 0.0) / tan_half_spread;
+        float tangent = sqrt(max(squared_distance - emitter * emitter, 0.0)) / emitter;
+        weight *= max(1.0 - tangent / tan_half_spread, 0.0);
     }
-    return cosine_receiver * cosine_light * spread * (reference_squared_distance / squared_distance);
+    return weight;
 }
 
 // 1 if the view sees the point, 0 if something is before it. p: from the view's centre, face space.
-float visible_from(int k, vec3 p, vec3 normal_fs) {
+// tolerance: in footprints, what the tangent plane does not explain.
+float visible_from(int k, vec3 p, vec3 normal_fs, float tolerance) {
     float facing = dot(normal_fs, p);
     if (facing >= 0.0) {
         return 0.0;  // the surface itself is in the way
     }
-    if (p.z <= near_m) {
-        return 1.0;  // the light touches it
-    }
-    vec2 at = p.xy / (p.z * texel_tangent) - view_window(k);
+    float inverse_depth = 1.0 / p.z;
+    vec2 at = p.xy * (texels_per_tangent * inverse_depth) - view_window(k);
     ivec2 texel = ivec2(floor(at));
-    if (any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel, map_size))) {
-        return 1.0;  // outside every caster's outline
+    // outside every caster's outline, or so near that the light touches it
+    if (p.z <= near_m || any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel, map_size))) {
+        return 1.0;
     }
-    float footprint = p.z * max(texel_tangent.x, texel_tangent.y);
+    float footprint = p.z * footprint_share;
     vec3 ray = vec3((vec2(texel) + 0.5 + view_window(k)) * texel_tangent, 1.0);
     float ray_facing = dot(normal_fs, ray);
     // a plane that turns away before the texel's centre has no depth there; the clamp then decides
     float plane_depth = ray_facing < 0.0 ? facing / ray_facing : 3.0e38;
     float reach = MAX_PLANE_SHIFT_FOOTPRINTS * footprint;
     float receiver_depth = clamp(plane_depth, p.z - reach, p.z + reach);
-    // what the plane does not explain: curvature and facets within a texel, and the rounding of depth itself
-    float slope = min(sqrt(max(dot(p, p) * dot(normal_fs, normal_fs) - facing * facing, 0.0)) / -facing, BIAS_MAX_SLOPE);
-    float bias = footprint * (BIAS_FOOTPRINTS + BIAS_SLOPE_FOOTPRINTS * slope) + 4.0e-7 * p.z;
     float stored = uintBitsToFloat(texelFetch(depth_maps, texel + ivec2(0, view_first_row(k)), 0).x);
-    return stored >= receiver_depth - bias ? 1.0 : 0.0;
+    // 4e-7: the rounding of depth itself
+    return stored >= receiver_depth - footprint * tolerance - 4.0e-7 * p.z ? 1.0 : 0.0;
 }
 
 bool in_face(vec3 p) {
@@ -82,6 +80,10 @@ void main() {
         vec3 p_fs = face_position(position.xyz);
         vec3 normal_fs = face_direction(normal.xyz);
         vec3 shading_fs = face_direction(unpack_direction(normal.w));
+        // curvature and facets within a texel move depths by more the steeper the surface stands to the light
+        float facing = min(dot(normal_fs, p_fs), 0.0);
+        float slope = sqrt(max(dot(p_fs, p_fs) - facing * facing, 0.0)) / max(-facing, 1e-20);
+        float tolerance = BIAS_FOOTPRINTS + BIAS_SLOPE_FOOTPRINTS * min(slope, BIAS_MAX_SLOPE);
         for (int k = 0; k < view_count; k++) {
             vec3 p = p_fs - view_center(k);
             float squared_distance = dot(p, p);
@@ -94,9 +96,9 @@ void main() {
                 continue;
             }
 #endif
-            float weight = delivered(-p, squared_distance, shading_fs);
+            float weight = delivered(p, squared_distance, shading_fs);
             if (weight > 0.0) {
-                sums += weight * vec2(visible_from(k, p, normal_fs), 1.0);
+                sums += weight * vec2(visible_from(k, p, normal_fs, tolerance), 1.0);
             }
         }
     }

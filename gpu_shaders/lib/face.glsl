@@ -11,6 +11,8 @@ vec3 face_direction(vec3 d_ws) {
 
 #define texel_tangent (face[3].xy)
 #define map_size (ivec2(face[3].zw))
+#define texels_per_tangent (face[7].xy)
+#define footprint_share (face[7].z)  // a texel's larger side over its depth
 #define near_m (face[4].x)
 #define far_m (face[4].y)
 

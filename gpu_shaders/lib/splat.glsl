@@ -6,8 +6,7 @@
 const float MAX_PLANE_SHIFT_FOOTPRINTS = 1.0;
 
 void splat(vec3 p_fs, vec3 normal_fs) {
-    vec2 texels_per_tangent = 1.0 / texel_tangent;
-    float reach_share = MAX_PLANE_SHIFT_FOOTPRINTS * max(texel_tangent.x, texel_tangent.y);
+    float reach_share = MAX_PLANE_SHIFT_FOOTPRINTS * footprint_share;
     for (int k = 0; k < view_count; k++) {
         vec3 p = p_fs - view_center(k);
         if (p.z <= near_m) {

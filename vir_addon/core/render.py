@@ -1,15 +1,33 @@
-"""The streamed loop: a generator that can be stopped after any batch."""
+"""The streamed loop: a generator that can be stopped after any batch.
+
+    for every batch
+        eye G-buffer at the next sub-pixel offset
+        for every light
+            clear and fill the maps of the batch's views, face by face; look every pixel up; add to the running sums
+
+Lights take turns inside a batch, so that all passes are equally far at every step.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import math
+import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from .pass_set import PassSet, SetStatistics
+from ..device.interface import Device
+from .light_work import LightWork, MapStore
+from .pass_set import COMBINED_PASS_NAME, PassSet, PassStatistics, SetStatistics
+from .passes.accumulate import pass_image
+from .passes.eye import EyePass
+from .passes.scene_data import SceneData
 from .plan import RenderPlan
-from .scene import SceneSnapshot
+from .sampling import pixel_offsets
+from .scene import Light, SceneSnapshot
+from .stopwatch import Stopwatch
 
 
 @dataclass
@@ -22,19 +40,158 @@ class Progress:
     seconds_left: float
     """predicted from the batches so far"""
     error_estimate: float
-    """the largest error estimate of the passes so far"""
+    """the largest error estimate of the passes so far; infinite while there is only one batch"""
     statistics: SetStatistics
+    _renderer: Renderer = field(repr=False)
 
     @property
     def passes(self) -> dict[str, np.ndarray]:
-        """pass name -> (height, width) float32; read back from the device on first access of this step"""
-        raise NotImplementedError
+        """pass name -> (height, width) float32, row 0 at the bottom. Read back from the device when asked for, so ask before
+        the next step; the generator's last step can be asked until it is closed."""
+        return self._renderer.read_passes()
 
     @property
     def pass_set(self) -> PassSet:
-        raise NotImplementedError
+        return PassSet(self.passes, self.statistics)
 
 
-def render(snapshot: SceneSnapshot, plan: RenderPlan, device) -> Iterator[Progress]:
+def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device) -> Iterator[Progress]:
     """Yield after every batch. Closing the generator releases the device's memory."""
-    raise NotImplementedError
+    with contextlib.closing(Renderer(snapshot, plan, device)) as renderer:
+        start = time.perf_counter()
+        device.run(renderer.prepare)
+        prepared_s = time.perf_counter() - start
+        for batch in range(plan.batch_count):
+            device.run(renderer.render_batch, batch)
+            elapsed_s = time.perf_counter() - start
+            share_done = (batch + 1) / plan.batch_count
+            yield Progress(
+                views_done=round(renderer.views_total * share_done),
+                views_total=renderer.views_total,
+                elapsed_s=elapsed_s,
+                seconds_left=(elapsed_s - prepared_s) * (1 / share_done - 1),
+                error_estimate=device.run(renderer.update_errors),
+                statistics=renderer.statistics,
+                _renderer=renderer,
+            )
+
+
+class Renderer:
+    """What lives as long as one frame is rendered."""
+
+    def __init__(self, snapshot: SceneSnapshot, plan: RenderPlan, device: Device) -> None:
+        self.snapshot, self.plan, self.device = snapshot, plan, device
+        self.stopwatch = Stopwatch(device)
+        self.views_total = sum(planned.view_count for planned in plan.passes if planned.runs)
+        self.offsets_px = pixel_offsets(snapshot.pixel_filter, plan.eye_sample_count)
+        self.surface_share_sum = np.zeros((snapshot.height_px, snapshot.width_px), np.float32)
+        self.batches_done = 0
+        self.works: list[LightWork] = []
+        self._cleanup = contextlib.ExitStack()
+        self._current_offset = -1
+        self.statistics = SetStatistics(
+            device=f"{device.name}: {device.description}",
+            object_count=len(set(snapshot.instances.object_index.tolist())),
+            instance_count=len(snapshot.instances),
+            unique_triangle_count=snapshot.unique_triangle_count,
+            instanced_triangle_count=snapshot.instanced_triangle_count,
+            eye_sample_count=plan.eye_sample_count,
+            stage_ms=self.stopwatch.shared_ms,
+            left_out=[f"{item.object_name}: {item.reason}" for item in snapshot.left_out],
+            notes=[*snapshot.notes, *plan.notes],
+        )
+        self.stopwatch.shared_ms["extract"] = snapshot.extract_ms
+
+    @property
+    def needs_eye(self) -> bool:
+        """Constant passes of value 1 are the same on surfaces and background."""
+        return any(planned.runs or planned.surface_value != 1 for planned in self.plan.passes)
+
+    def prepare(self) -> None:
+        for planned in self.plan.passes:
+            if not planned.runs:
+                self.statistics.passes.append(PassStatistics(planned.pass_name, planned.light_name, "none", planned.reason))
+        if not self.needs_eye:
+            return
+        with self.stopwatch.stage("upload"):
+            self.scene_data = SceneData(self.snapshot, self.device)
+            self._cleanup.callback(self.scene_data.release)
+            self.eye = EyePass(self.snapshot, self.scene_data, self.device)
+            self._cleanup.callback(self.eye.release)
+            self.store = MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px)
+            self._cleanup.callback(self.store.release)
+        self._render_eye(0)
+        for planned in self.plan.passes:
+            if planned.runs:
+                work = LightWork(planned, self.plan, self.scene_data, self.store)
+                self._cleanup.callback(work.release)
+                self.works.append(work)
+                self.statistics.passes.append(work.statistics)
+                with self.stopwatch.billed_to(work.statistics.stage_ms):
+                    work.fit(self.snapshot, self.eye, self.stopwatch)
+        self.statistics.passes.sort(key=lambda statistics: statistics.light_name)
+
+    def _render_eye(self, batch: int) -> None:
+        offset = batch * self.plan.eye_sample_count // self.plan.batch_count
+        if offset != self._current_offset:
+            with self.stopwatch.stage("eye G-buffer"):
+                self.eye.render(self.offsets_px[offset])
+            self._current_offset = offset
+
+    def render_batch(self, batch: int) -> None:
+        self.batches_done += 1
+        if not self.needs_eye:
+            return
+        self._render_eye(batch)
+        if not self.works:
+            # only for passes that are constant on surfaces, which still have to be told from the background
+            self.surface_share_sum += self.device.read(self.eye.positions)[..., 3] >= 0
+        for work in self.works:
+            with self.stopwatch.billed_to(work.statistics.stage_ms):
+                work.render_batch(batch, self.eye, self.stopwatch)
+
+    def update_errors(self) -> float:
+        for work in self.works:
+            work.statistics.error_estimate = work.accumulator.compute_error()
+        return max((work.statistics.error_estimate for work in self.works), default=0.0)
+
+    def read_passes(self) -> dict[str, np.ndarray]:
+        return self.device.run(self._read_passes)
+
+    def _read_passes(self) -> dict[str, np.ndarray]:
+        shape = (self.snapshot.height_px, self.snapshot.width_px)
+        images: dict[str, np.ndarray] = {}
+        combined = [np.zeros(shape, np.float64), np.zeros(shape, np.float64)]
+        surface_share = self.surface_share_sum / max(self.batches_done, 1)
+        with self.stopwatch.stage("read-back"):
+            for work in self.works:
+                shadowed, delivered, surface_share = work.accumulator.read()
+                images[work.planned.pass_name] = pass_image(shadowed, delivered, surface_share)
+                weight = combined_weight(work.light, work.planned.view_count, self.plan.batch_count)
+                combined[0] += weight * shadowed
+                combined[1] += weight * delivered
+        for planned in self.plan.passes:
+            if not planned.runs:
+                images[planned.pass_name] = (1 - surface_share * (1 - planned.surface_value)).astype(np.float32)
+        if self.works:
+            images[COMBINED_PASS_NAME] = pass_image(combined[0], combined[1], surface_share)
+        else:
+            images[COMBINED_PASS_NAME] = np.ones(shape, np.float32)
+        return dict(sorted(images.items()))
+
+    def close(self) -> None:
+        self.device.run(self._cleanup.close)
+
+
+def combined_weight(light: Light, view_count: int, batch_count: int) -> float:
+    """What a light's running sums count in the combined pass: its strength per look-up.
+
+    A batch adds as many samples as it has views. Blender normalizes the spread so that a narrower light is as bright as a wide one
+    in total; the resolve kernel leaves that factor out because it cancels within one light.
+    """
+    half = light.spread_rad / 2
+    spread = 1.0
+    if light.spread_rad < math.pi - 1e-4:
+        spread = math.tan(half) / (math.tan(half) - half)
+    views_per_batch = max(view_count / batch_count, 1.0)
+    return abs(light.strength) * spread / views_per_batch

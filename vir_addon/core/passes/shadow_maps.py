@@ -20,7 +20,7 @@ MAX_BATCH_VIEWS = 8
 """Maps that exist at the same time. More would leave the caches: 64 at once took up to 4 times longer a look-up."""
 MAX_HULL_CORNERS = 8
 
-FACE_TABLE = Table(7, "face space, texel size, map size, near and far depth, limits, light's axis and spread")
+FACE_TABLE = Table(8, "face space, texel size, map size, near and far depth, limits, light's axis and spread, texels per tangent")
 VIEWS_TABLE = Table(2 * MAX_BATCH_VIEWS, "two rows a view: centre (face space) and first row of its map; the window's place on the lattice")
 VIEW_COUNT = Constant("int", "views in this batch")
 DEPTH_MAPS_ATOMIC = Stored("R32UI", "atomic", "depth maps of the batch")
@@ -142,15 +142,17 @@ RESOLVE = ComputeDeclaration(
 
 
 def face_table(views: FaceViews, light_position_ws: np.ndarray, light_axis_ws: np.ndarray, spread_rad: float) -> np.ndarray:
-    """(7, 4) float64 rows of FACE_TABLE. Composed in float64: the light may stand far from what it lights."""
+    """(8, 4) float64 rows of FACE_TABLE. Composed in float64: the light may stand far from what it lights."""
     rotation = views.face.face_from_world
-    table = np.zeros((7, 4))
+    table = np.zeros((8, 4))
     table[:3, :3] = rotation
     table[:3, 3] = -rotation @ light_position_ws
     table[3] = *views.texel_tangent, views.map_width_px, views.map_height_px
     table[4, :3] = views.near_m, views.far_m, views.far_m**2
     table[5] = views.face.limits
     table[6, :3] = rotation @ light_axis_ws
+    table[7, :2] = 1 / np.array(views.texel_tangent)
+    table[7, 2] = max(views.texel_tangent)
     table[6, 3] = 0.0 if spread_rad >= math.pi - 1e-4 else math.tan(spread_rad / 2)
     return table
 

@@ -1,0 +1,75 @@
+"""The running sums of one pass: what it is so far, and how far it may be off."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
+from ...device.interface import Device, TextureFormat
+
+TILE_PX = 16
+
+PASS_ERROR = ComputeDeclaration(
+    name="pass_error",
+    text="sums the squared standard error of a pass over tiles",
+    source="pass_error.comp.glsl",
+    local_size=(8, 8, 1),
+    textures={
+        "moments": Sampled("sampler2D", "sums over batches of shadowed s, delivered d, s^2, s d"),
+        "coverage": Sampled("sampler2D", "sums over batches of d^2 and of surface samples"),
+    },
+    images={"tile_sums": Stored("RGBA32F", "write", "sum of squared errors and number of lit pixels of every tile")},
+    constants={"width": Constant("int", "of the picture, pixels"), "height": Constant("int", "of the picture, pixels")},
+)
+
+
+class PassAccumulator:
+    """Sums of one light's pass over batches. A pass is sum s / sum d: 0 shadowed to 1 lit."""
+
+    def __init__(self, device: Device, width: int, height: int) -> None:
+        self.device, self.width, self.height = device, width, height
+        zeros = np.zeros((height, width, 4), np.float32)
+        self.moments, self.coverage = device.upload_texture(zeros), device.upload_texture(zeros)
+        self.batch_count = 0
+
+    def compute_error(self) -> float:
+        """RMS over lit pixels of the standard error, from the spread between batches. Batches are stratified together, so the
+        true error of their mean is smaller. Infinite before there are two batches."""
+        if self.batch_count < 2:
+            return math.inf
+        tiles = (-(-self.width // TILE_PX), -(-self.height // TILE_PX))
+        sums_texture = self.device.create_texture(*tiles, TextureFormat.RGBA32F)
+        self.device.compute_kernel(PASS_ERROR).dispatch(
+            (-(-tiles[0] // 8), -(-tiles[1] // 8), 1),
+            moments=self.moments,
+            coverage=self.coverage,
+            tile_sums=sums_texture,
+            width=self.width,
+            height=self.height,
+        )
+        sums = self.device.read(sums_texture).astype(np.float64)
+        sums_texture.release()
+        squared, count = sums[..., 0].sum(), sums[..., 1].sum()
+        correction = self.batch_count / (self.batch_count - 1)
+        return math.sqrt(correction * squared / count) if count else 0.0
+
+    def read(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(height, width) float32 each: shadowed, delivered (per batch), and the share of eye samples that saw a surface"""
+        moments = self.device.read(self.moments)
+        surfaces = self.device.read(self.coverage)[..., 1]
+        batches = max(self.batch_count, 1)
+        return moments[..., 0] / batches, moments[..., 1] / batches, surfaces / batches
+
+    def release(self) -> None:
+        self.moments.release()
+        self.coverage.release()
+
+
+def pass_image(shadowed: np.ndarray, delivered: np.ndarray, surface_share: np.ndarray) -> np.ndarray:
+    """The pass's meaning in one place: shadowed / delivered where the light delivers anything; where it delivers nothing, surfaces
+    (turned away from the whole light) are 0 and the background is 1."""
+    lit = delivered > 0
+    ratio = np.divide(shadowed, delivered, out=np.zeros_like(shadowed), where=lit)
+    return np.where(lit, ratio, 1 - surface_share).astype(np.float32)
