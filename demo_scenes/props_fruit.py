@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .shapes import Shape, ellipsoid, joined, lathe, mm, sheet, smoothstep, spline, tube, unit, waves
+from .shapes import Shape, ellipsoid, joined, lathe, mm, rotation_about, sheet, smoothstep, spline, tube, unit, waves
 from .stage import Part, Stage
 
 
@@ -13,7 +13,7 @@ def _bumpy(shape: Shape, amount_m: float, wavelength_m: float, seed: int) -> Sha
     return Shape(shape.points + out * amount_m * waves(shape.points, wavelength_m, seed)[:, None], shape.quads, shape.triangles)
 
 
-def _dome(profile: list[list[float]], count: int = 40, segments: int = 48) -> Shape:
+def _dome(profile: np.ndarray, count: int = 40, segments: int = 48) -> Shape:
     smooth = spline(profile, count)
     smooth[[0, -1], 0] = 0.0
     smooth[1:-1, 0] = np.maximum(smooth[1:-1, 0], 0.0004)
@@ -82,7 +82,7 @@ def add_bowl(stage: Stage, x: float, y: float, z: float) -> None:
     """A footed bowl with a fluted rim."""
     outside = spline(mm("56 0, 60 4, 50 18, 62 26, 108 50, 136 82, 148 106, 151.5 110"), 72)
     inside = spline(mm("149.5 111.5, 144 106, 131 83, 103 54, 60 32, 20 26.5"), 48)
-    body = lathe(np.concatenate([[[0, 0.006], [0.044, 0.006], [0.05, 0.0]], outside, inside, [[0, 0.026]]]), 144)
+    body = lathe(np.concatenate([[[0, 0.006], [0.044, 0.006], [0.05, 0.0]], outside, inside, [[0, 0.026]]]), 120)
     angle = np.arctan2(body.points[:, 1], body.points[:, 0])
     flute = 1.0 + 0.022 * np.cos(24 * angle) * smoothstep(0.045, 0.11, body.points[:, 2])
     stage.add(
@@ -109,20 +109,21 @@ def fill_bowl(stage: Stage, x: float, y: float, z: float) -> None:
     )
 
 
-def add_grapes(stage: Stage, x: float, y: float, z: float, turn: float, count: int = 46) -> None:
+def add_grapes(stage: Stage, x: float, y: float, z: float, turn: float, count: int = 70) -> None:
     """A bunch lying on the surface at height z, its stalk at (x, y), tapering along `turn`."""
     rng = np.random.default_rng(51)
-    radius, centres = 0.0098, []
-    while len(centres) < count:
+    radius = 0.0105
+    centres: list[np.ndarray] = []
+    for _ in range(4000):
         t = rng.uniform(0, 1) ** 0.8
-        width = 0.036 * (1 - t) ** 0.7 + 0.006
-        p = np.array([0.02 + 0.115 * t, rng.normal() * width * 0.7, radius + abs(rng.normal()) * width * 0.75])
-        if all(np.linalg.norm(p - q) > 1.85 * radius for q in centres):
+        width = 0.030 * (1 - t) ** 0.7 + 0.006
+        p = np.array([0.02 + 0.125 * t, rng.uniform(-1, 1) * width * 1.15, radius + rng.uniform(0, 1) * width * 1.3])
+        if len(centres) < count and all(np.linalg.norm(p - q) > 1.72 * radius for q in centres):
             centres.append(p)
     c, s = np.cos(turn), np.sin(turn)
     base = np.array([x, y, z])
     spots = [np.add(base, (c * p[0] - s * p[1], s * p[0] + c * p[1], p[2])) for p in centres]
-    parts: list[Part] = [(ellipsoid((radius, radius, radius * 1.12), 20, 28), "grape")]
+    parts: list[Part] = [(ellipsoid((radius, radius, radius * 1.12), 14, 20), "grape")]
     add_copies(stage, "Grape", parts, [(tuple(p), tuple(rng.uniform(-1, 1, 3)), rng.uniform(0.9, 1.05)) for p in spots])
     stem = np.array(
         [
@@ -196,7 +197,32 @@ def add_basket(stage: Stage, x: float, y: float, z: float, turn: float) -> None:
         parts.append((tube(path, 0.0036, 6), "willow"))
     base = lathe(mm("0 0, 78 0, 80 3, 78 6, 0 6"), 72)
     parts.append((Shape(base.points * (1.28, 1, 1), base.quads, base.triangles), "willow dark"))
-    shape_by_material = {}
+    shape_by_material: dict[str, list[Shape]] = {}
     for shape, material in parts:
         shape_by_material.setdefault(material, []).append(shape)
     stage.add("Basket", [(joined(shapes), material) for material, shapes in shape_by_material.items()], (x, y, z), (0, 0, turn))
+
+
+def fill_basket(stage: Stage, x: float, y: float, z: float, turn: float) -> None:
+    """Eggs on a nest of hay, for the basket of `add_basket` at the same place."""
+    rng = np.random.default_rng(61)
+    about = rotation_about("z", turn)
+    arc = np.linspace(-1.0, 1.0, 9)[:, None]
+    blades = []
+    for _ in range(420):
+        heading, bend = rng.uniform(0, 2 * np.pi), rng.normal() * 0.02
+        reach, middle = rng.uniform(0.03, 0.07), rng.normal(size=2) * (0.05, 0.036)
+        flat = middle + reach * arc * (np.cos(heading), np.sin(heading)) + bend * arc**2 * (-np.sin(heading), np.cos(heading))
+        inside = np.maximum(np.hypot(flat[:, 0] / 1.28, flat[:, 1]) / 0.099, 1.0)[:, None]
+        height = rng.uniform(0.055, 0.096) + 0.012 * arc**2 * rng.uniform(-0.5, 1.5) + 0.25 * np.hypot(*(flat / inside).T)[:, None] ** 2
+        blades.append(np.column_stack([flat / inside, height]) @ about.T + np.array([x, y, z]))
+    stage.curve("Hay", blades, 0.0007, "hay", sides=0)
+    spots = np.array(
+        [(0.0, 0.0), (0.05, 0.012), (-0.05, 0.006), (0.024, 0.046), (-0.027, 0.047), (0.026, -0.042), (-0.026, -0.04), (0.077, -0.03)]
+    )
+    eggs = [(*np.add((about @ (*spot, 0.0))[:2], (x, y)), z + 0.114 + 0.002 * (i % 2)) for i, spot in enumerate(spots)]
+    t = np.linspace(-np.pi / 2, np.pi / 2, 31)
+    profile = np.column_stack([0.0215 * np.cos(t) * (1.0 - 0.13 * np.sin(t)), 0.0285 * np.sin(t)])
+    profile[[0, -1], 0] = 0.0
+    placements = [(place, (rng.uniform(0.9, 1.9), 0.0, rng.uniform(0, 6.28)), rng.uniform(0.95, 1.04)) for place in eggs]
+    add_copies(stage, "Egg", [(lathe(profile, 40), "eggshell")], placements)

@@ -80,7 +80,7 @@ def _grow(rng: np.random.Generator, path: np.ndarray, radius: float, depth: int,
         return
     tangents = unit(np.gradient(path, axis=0))
     spin = rng.uniform(0, 2 * np.pi)
-    first, gap = (9, 3) if depth == 2 else (3, 3)
+    first, gap = (8, 3) if depth == 2 else (4, 4)
     for i in range(min(first, len(path) // 3), len(path) - 1, gap):
         spin += GOLDEN_ANGLE + rng.normal() * 0.3
         side = unit(np.cross(tangents[i], [0.3, 0.2, 1.0]))
@@ -105,15 +105,13 @@ def _foliage(rng: np.random.Generator, limbs: list) -> tuple[list, list]:
             spin = i * GOLDEN_ANGLE + rng.normal() * 0.4
             side = unit(np.cross(tangents[i], [0.2, -0.3, 1.0]))
             out = np.cos(spin) * side + np.sin(spin) * np.cross(tangents[i], side)
-            if rng.random() < 0.30:
+            if rng.random() < 0.33:
                 facing = unit(out + 0.25 * tangents[i] + rng.normal(size=3) * 0.25 + (0, -0.15, 0.1))
-                blossoms.append(
-                    (path[i] + out * radii[i] * 0.6, _frame(unit(np.cross(facing, side + 0.3)), facing), rng.uniform(0.85, 1.3))
-                )
+                blossoms.append((path[i] + out * radii[i] * 0.6, _frame(unit(np.cross(facing, side + 0.3)), facing), rng.uniform(1.0, 1.5)))
             elif rng.random() < 0.72:
                 forward = unit(out + 0.7 * tangents[i] + rng.normal(size=3) * 0.15)
                 up = unit(np.array([0.0, -0.15, 1.0]) + rng.normal(size=3) * 0.35)
-                leaves.append((path[i] + out * radii[i] * 0.6, _frame(forward, up), rng.uniform(0.6, 1.15)))
+                leaves.append((path[i] + out * radii[i] * 0.6, _frame(forward, up), rng.uniform(0.75, 1.3)))
     return leaves, blossoms
 
 

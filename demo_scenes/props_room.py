@@ -8,7 +8,7 @@ from .shapes import Shape, box, holed_slab, joined, lathe, mm, rotation_about, s
 from .stage import Stage
 
 LEFT_WALL_X, BACK_WALL_Y = -1.125, 0.5625
-WINDOW = ((-1.375, 0.875), (0.25, 2.125))
+WINDOW = ((-1.75, 0.875), (0.25, 2.125))
 """The hole in the left wall: (y, z) of its near lower and far upper corner."""
 WALL_THICKNESS = 0.25
 
@@ -91,7 +91,7 @@ def add_window(stage: Stage) -> None:
     (y0, z0), (y1, z1) = WINDOW
     rim = 0.0625
     parts = [holed_slab(np.array(WINDOW), np.array([[y0 + rim, z0 + rim], [y1 - rim, z1 - rim]]), 0.06)]
-    for y in np.linspace(y0 + rim, y1 - rim, 4)[1:-1]:
+    for y in np.linspace(y0 + rim, y1 - rim, 5)[1:-1]:
         parts.append(box((0.05, z1 - z0 - 2 * rim, 0.05), (y, (z0 + z1) / 2, -0.03)))
     for z in np.linspace(z0 + rim, z1 - rim, 4)[1:-1]:
         parts.append(box((y1 - y0 - 2 * rim, 0.03, 0.03), ((y0 + y1) / 2, z, -0.03)))
@@ -109,7 +109,7 @@ def add_shutter(stage: Stage, hinge_y: float, open_rad: float, width: float = 0.
     rail = box((width - 2 * stile + 0.002, 0.028, 0.05), (width / 2, 0, height * 0.46))
     place, turn = (LEFT_WALL_X + 0.02, hinge_y, base), (0.0, 0.0, open_rad)
     stage.add("Shutter", [(joined([upright, rail]), "white paint")], place, turn, bevel_m=0.003)
-    across = box((width - 2 * stile + 0.006, 0.044, 0.006)).turned(rotation_about("x", np.radians(-38.0)))
+    across = box((width - 2 * stile + 0.006, 0.044, 0.006)).turned(rotation_about("x", np.radians(-18.0)))
     pitch = 0.0375
     for name, low, high in (("Louvres Lower", stile, height * 0.46 - 0.025), ("Louvres Upper", height * 0.46 + 0.025, height - stile)):
         count = int((high - low) / pitch)

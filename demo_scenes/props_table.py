@@ -61,7 +61,7 @@ def _ridge(x: np.ndarray, y: np.ndarray, a: tuple[float, float], b: tuple[float,
 
 def add_cloth(stage: Stage, centre: tuple[float, float], size_m: tuple[float, float], turn_rad: float) -> None:
     """A linen square that lies across the front edge, with folds that start on the table and deepen as they fall."""
-    u, v = np.meshgrid(np.linspace(-0.5, 0.5, 72) * size_m[0], np.linspace(-0.5, 0.5, 72) * size_m[1])
+    u, v = np.meshgrid(np.linspace(-0.5, 0.5, 61) * size_m[0], np.linspace(-0.5, 0.5, 61) * size_m[1])
     flat = np.stack([u, v, np.zeros_like(u)], axis=-1) @ rotation_about("z", turn_rad).T + (*centre, 0.0)
     cloth = drape(flat, 0.0022, 0.042, 4)
     x, y = flat[..., 0], flat[..., 1]
@@ -78,6 +78,9 @@ def add_cloth(stage: Stage, centre: tuple[float, float], size_m: tuple[float, fl
         height = height + rise * _ridge(x, y, a, b, width) * smoothstep(-0.02, 0.04, y - FRONT_Y)
     cloth[..., 2] += height + 0.0009 * (waves(flat[..., :2], 0.06, 8) + 1.5) * inside
     thing = stage.add("Cloth", [(sheet(cloth), "linen")], sharp_deg=180.0)
+    stripes = np.isin(np.arange(60), (4, 5, 7, 52, 54, 55))
+    thing.data.materials.append(stage.material("linen blue"))
+    thing.data.polygons.foreach_set("material_index", np.broadcast_to(stripes, (60, 60)).astype(np.int32).ravel())
     solid = thing.modifiers.new("Solidify", "SOLIDIFY")
     solid.thickness, solid.offset = 0.0016, 1.0
     smooth = thing.modifiers.new("Subdivision", "SUBSURF")
@@ -114,7 +117,7 @@ def add_lace(stage: Stage, centre: tuple[float, float], radius_m: float) -> None
         (0.78, 0.075, 36),
         (0.91, 0.085, 36),
     ]
-    angle = np.linspace(0.0, 2 * np.pi, 288, endpoint=False)
+    angle = np.linspace(0.0, 2 * np.pi, 252, endpoint=False)
     rings = []
     for middle, swing, lobes in bands:
         for phase in (0.0, np.pi):

@@ -70,12 +70,12 @@ def waves(points: np.ndarray, wavelength_m: float, seed: int, count: int = 16) -
     return np.cos(points @ directions.T + rng.uniform(0, 2 * np.pi, count)).sum(axis=-1) * np.sqrt(2.0 / count)
 
 
-def spline(controls: np.ndarray, count: int) -> np.ndarray:
+def spline(controls: np.ndarray | list, count: int) -> np.ndarray:
     """`count` points on the Catmull-Rom curve through the control points, evenly spaced by parameter."""
-    controls = np.asarray(controls, dtype=float)
-    padded = np.concatenate([2 * controls[:1] - controls[1:2], controls, 2 * controls[-1:] - controls[-2:-1]])
-    t = np.linspace(0, len(controls) - 1, count)
-    i = np.minimum(t.astype(int), len(controls) - 2)
+    knots = np.asarray(controls, dtype=float)
+    padded = np.concatenate([2 * knots[:1] - knots[1:2], knots, 2 * knots[-1:] - knots[-2:-1]])
+    t = np.linspace(0, len(knots) - 1, count)
+    i = np.minimum(t.astype(int), len(knots) - 2)
     f = (t - i)[:, None]
     a, b, c, d = (padded[i + k] for k in range(4))
     return 0.5 * (2 * b + (c - a) * f + (2 * a - 5 * b + 4 * c - d) * f**2 + (3 * b - a - 3 * c + d) * f**3)

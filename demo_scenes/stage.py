@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import bpy
 import numpy as np
@@ -17,7 +17,7 @@ Vec3 = Sequence[float]
 class Stage:
     """Where props are put. `palette` maps a material's name to (base colour, roughness, metallic)."""
 
-    def __init__(self, scene: bpy.types.Scene, palette: dict[str, tuple[Vec3, float, float]]) -> None:
+    def __init__(self, scene: bpy.types.Scene, palette: Mapping[str, tuple[Vec3, float, float]]) -> None:
         self.scene = scene
         self.palette = palette
         self.collection = bpy.data.collections.new("Still Life")

@@ -18,6 +18,9 @@ from .palette import PALETTE
 from .props_table import TOP_Z
 from .stage import Stage
 
+BRANCHES = [(0.6, -0.1, 1.0, 0.52), (-0.5, -0.25, 1.0, 0.50), (0.1, 0.1, 1.0, 0.40), (-1.0, 0.0, 0.5, 0.40), (1.0, -0.25, 0.42, 0.44)]
+"""Heading (x, y, z) and length of the branches in the vase."""
+
 
 def _aim(thing: bpy.types.Object, target: tuple[float, float, float]) -> None:
     thing.rotation_euler = (Vector(target) - thing.location).to_track_quat("-Z", "Y").to_euler()
@@ -44,18 +47,18 @@ def _light(
 
 
 def add_lights(stage: Stage) -> None:
-    _light(stage, "Key", "SQUARE", (0.0625, 0.0625), 420.0, (1.0, 0.86, 0.66), (-3.75, -3.0, 3.0), (0.0, 0.1, 0.9))
-    _light(stage, "Window", "RECTANGLE", (1.25, 1.125), 26.0, (0.72, 0.85, 1.0), (-1.4375, -0.5625, 1.5), (-0.4375, -0.5625, 1.5))
-    _light(stage, "Lamp", "DISK", (0.1875, 0.1875), 5.0, (1.0, 0.70, 0.40), (0.5, 0.0625, 1.453125), (0.5, 0.0625, 0.75), 130.0)
+    _light(stage, "Key", "SQUARE", (0.0625, 0.0625), 620.0, (1.0, 0.85, 0.64), (-3.75, -3.0, 3.0), (0.0, 0.1, 0.9))
+    _light(stage, "Window", "RECTANGLE", (2.0, 1.25), 30.0, (0.70, 0.84, 1.0), (-1.4375, -0.75, 1.5), (-0.4375, -0.75, 1.5))
+    _light(stage, "Lamp", "DISK", (0.1875, 0.1875), 9.0, (1.0, 0.70, 0.40), (0.46875, 0.03125, 1.421875), (0.46875, 0.03125, 0.75), 130.0)
 
 
 def add_camera(stage: Stage) -> None:
     data = bpy.data.cameras.new("Camera")
-    data.lens, data.sensor_width = 42.0, 36.0
+    data.lens, data.sensor_width = 48.0, 36.0
     data.clip_start, data.clip_end = 0.1, 50.0
     camera = bpy.data.objects.new("Camera", data)
     camera.location = (0.5, -2.625, 1.40625)
-    _aim(camera, (0.03125, 0.0, 0.9375))
+    _aim(camera, (0.03125, 0.0, 0.984375))
     stage.collection.objects.link(camera)
     stage.scene.camera = camera
 
@@ -66,39 +69,34 @@ def add_props(stage: Stage) -> None:
     props_room.add_wainscot(stage)
     props_room.add_window(stage)
     props_room.add_shutter(stage, 0.25, np.radians(4.0))
-    props_room.add_lamp(stage, 0.5, 0.0625, 1.4375)
+    props_room.add_lamp(stage, 0.46875, 0.03125, 1.40625)
     props_table.add_table(stage)
     mouth = props_plants.add_vase(stage, -0.14, 0.24, TOP_Z)
-    props_plants.add_branches(
-        stage,
-        -0.14,
-        0.24,
-        mouth,
-        [(0.55, -0.1, 1.0, 0.50), (-0.5, -0.25, 1.0, 0.46), (0.05, 0.15, 1.0, 0.40), (-0.9, 0.1, 0.55, 0.34), (1.0, -0.3, 0.5, 0.36)],
-    )
-    props_plants.add_fallen_petals(stage, (-0.08, 0.05, TOP_Z), (0.22, 0.13), 40)
+    props_plants.add_branches(stage, -0.14, 0.24, mouth, BRANCHES)
+    props_plants.add_fallen_petals(stage, (-0.08, 0.05, TOP_Z), (0.24, 0.13), 64)
     props_table.add_cloth(stage, (-0.36, -0.14), (0.42, 0.5), np.radians(24.0))
-    props_table.add_lace(stage, (0.24, -0.06), 0.225)
-    props_fruit.add_bowl(stage, 0.24, -0.03, TOP_Z + 0.003)
-    props_fruit.fill_bowl(stage, 0.24, -0.03, TOP_Z + 0.003)
+    props_table.add_lace(stage, (0.27, -0.065), 0.215)
+    props_fruit.add_bowl(stage, 0.27, -0.03, TOP_Z + 0.003)
+    props_fruit.fill_bowl(stage, 0.27, -0.03, TOP_Z + 0.003)
     props_fruit.add_basket(stage, 0.50, 0.30, TOP_Z, np.radians(20.0))
+    props_fruit.fill_basket(stage, 0.50, 0.30, TOP_Z, np.radians(20.0))
     top = props_table.add_books(
         stage,
-        -0.47,
-        0.30,
+        -0.54,
+        0.31,
         TOP_Z,
         [(0.17, 0.24, 0.036), (0.15, 0.21, 0.027), (0.12, 0.18, 0.021)],
         [0.35, 0.12, 0.6],
         ["book red", "book blue", "book ochre"],
     )
-    props_table.add_candle(stage, -0.47, 0.30, top)
+    props_table.add_candle(stage, -0.54, 0.31, top)
     props_table.add_plate(stage, -0.07, -0.10, TOP_Z)
-    props_table.add_knife(stage, (-0.02, -0.12, TOP_Z + 0.021), (0.0, 0.03, np.radians(155.0)))
-    props_table.add_jug(stage, -0.30, 0.10, TOP_Z, np.radians(200.0))
-    props_fruit.add_copies(stage, "Half Lemon", props_fruit.half_lemon_parts(), [((-0.09, -0.07, TOP_Z + 0.029), (-0.75, 0.35, 0.0), 1.0)])
-    props_fruit.add_peel(stage, (-0.05, -0.20, TOP_Z + 0.012), 0.16)
-    props_fruit.add_copies(stage, "Lemon", props_fruit.lemon_parts(), [((0.03, -0.17, TOP_Z + 0.027), (0.2, 0.0, 0.9), 1.0)])
-    props_fruit.add_grapes(stage, 0.46, -0.06, TOP_Z, np.radians(-40.0))
+    props_table.add_knife(stage, (0.02, -0.20, TOP_Z + 0.0195), (0.0, -0.10, np.radians(118.0)))
+    props_table.add_jug(stage, -0.33, 0.08, TOP_Z, np.radians(200.0))
+    props_fruit.add_copies(stage, "Half Lemon", props_fruit.half_lemon_parts(), [((-0.12, -0.10, TOP_Z + 0.031), (0.75, -0.3, 0.0), 1.0)])
+    props_fruit.add_peel(stage, (-0.085, -0.20, TOP_Z + 0.012), 0.16)
+    props_fruit.add_copies(stage, "Lemon", props_fruit.lemon_parts(), [((-0.055, -0.045, TOP_Z + 0.032), (0.2, 0.0, 0.35), 1.0)])
+    props_fruit.add_grapes(stage, 0.485, -0.055, TOP_Z, np.radians(-40.0))
     walnuts = [
         ((0.04, 0.06, TOP_Z + 0.016), (0.3, 0.2, 0.5), 1.0),
         ((0.075, 0.095, TOP_Z + 0.016), (0.1, 0.1, 2.0), 0.95),
