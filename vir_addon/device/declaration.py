@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
 
 CONSTANT_FLOATS = {"int": 1, "float": 1, "vec2": 2, "vec3": 3, "vec4": 4, "mat4": 16}
 """Constants live in push constants on Blender's side: 128 bytes are guaranteed, of which mat4 takes half."""
@@ -46,6 +49,13 @@ class Table:
 
     length: int
     text: str
+
+    def pack(self, name: str, rows: Any) -> bytes:
+        """Rows as float32, padded with zeros to the declared length. TypeError, with `name`, when they do not fit."""
+        rows = np.asarray(rows, np.float32)
+        if rows.ndim != 2 or rows.shape[1] != 4 or len(rows) > self.length:
+            raise TypeError(f"table {name} takes at most {self.length} rows of 4 floats, not an array of shape {rows.shape}")
+        return rows.tobytes().ljust(16 * self.length, b"\0")
 
 
 @dataclass(frozen=True, kw_only=True)

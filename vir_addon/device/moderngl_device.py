@@ -7,10 +7,11 @@ glcontext ignores a failed eglMakeCurrent and leaves no context current on exit.
 from __future__ import annotations
 
 import re
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -41,7 +42,9 @@ class ModernglTexture(Texture):
         if texture_format is TextureFormat.DEPTH32F:
             self.handle = context.depth_texture((width, height))
         else:
-            self.handle = context.texture((width, height), texture_format.channel_count, texels, dtype="u4" if texture_format.is_unsigned else "f4")
+            self.handle = context.texture(
+                (width, height), texture_format.channel_count, texels, dtype="u4" if texture_format.is_unsigned else "f4"
+            )
             self.handle.filter = (device.moderngl.NEAREST, device.moderngl.NEAREST)
 
     def release(self) -> None:
@@ -106,16 +109,8 @@ class _Bindings:
                 value = tuple(float(v) for v in value)
             self._set(name, value)
         for slot, (name, table) in enumerate(self.declaration.tables.items()):
-            self.table_buffers[name].write(table_bytes(name, table.length, bindings[name]))
+            self.table_buffers[name].write(table.pack(name, bindings[name]))
             self.table_buffers[name].bind_to_uniform_block(slot)
-
-
-def table_bytes(name: str, length: int, rows: np.ndarray) -> bytes:
-    """Rows padded with zeros to the declared length."""
-    rows = np.asarray(rows, np.float32)
-    if rows.ndim != 2 or rows.shape[1] != 4 or len(rows) > length:
-        raise TypeError(f"table {name} takes at most {length} rows of 4 floats, not an array of shape {rows.shape}")
-    return rows.tobytes().ljust(16 * length, b"\0")
 
 
 class ModernglComputeKernel(ComputeKernel):
@@ -157,7 +152,7 @@ class ModernglRasterKernel(RasterKernel):
             context.enable_only(moderngl.DEPTH_TEST | (moderngl.CULL_FACE if draw.cull_back_faces else 0))
             for name, value in draw.constants.items():
                 self.bindings._set(name, value)
-            draw.mesh.vertex_array(self.program).render(instances=draw.instance_count)
+            cast(ModernglMesh, draw.mesh).vertex_array(self.program).render(instances=draw.instance_count)
 
 
 class ModernglDevice(Device):
@@ -179,8 +174,10 @@ class ModernglDevice(Device):
 
     def _open(self) -> None:
         self._thread_id = threading.get_ident()
+        # on Linux the default would be X11, which needs a display and replaces the context of a running Blender; elsewhere EGL is missing
+        settings: dict[str, Any] = {"backend": "egl"} if sys.platform == "linux" else {}
         try:
-            self.context = self.moderngl.create_context(standalone=True, backend="egl", require=MINIMUM_OPENGL)
+            self.context = self.moderngl.create_context(standalone=True, require=MINIMUM_OPENGL, **settings)
         except Exception as error:
             # glcontext raises bare Exceptions whose text is all there is to go by
             raise DeviceError(
@@ -205,7 +202,7 @@ class ModernglDevice(Device):
             source = f"\n    {text.splitlines()[int(line[1]) - 1].strip()}" if line else ""
             raise DeviceError(f"kernel {declaration.name}: the driver refuses the shader:\n{str(error).strip()}{source}") from error
 
-    def _kernel(self, kind: type, declaration: Any, flags: tuple[str, ...]) -> Any:
+    def _kernel(self, kind: type, declaration: KernelDeclaration, flags: tuple[str, ...]) -> Any:
         key = (declaration.name, tuple(sorted(flags)))
         if key not in self._kernels:
             self._kernels[key] = self.run(kind, self, declaration, key[1])
@@ -242,7 +239,7 @@ class ModernglDevice(Device):
             framebuffer = self.context.framebuffer([texture.handle])
             framebuffer.use()
             self.context.enable_only(self.moderngl.NOTHING)
-            kernel = self.raster_kernel(FILL)
+            kernel: ModernglRasterKernel = self._kernel(ModernglRasterKernel, FILL, ())
             kernel.bindings.bind({"value": value})
             self._fill_triangle.vertex_array(kernel.program).render()
         framebuffer.release()
@@ -258,7 +255,7 @@ class ModernglDevice(Device):
         return values.reshape(shape[:2] if shape[2] == 1 else shape)
 
     def finish(self) -> None:
-        self.run(lambda: self.context.finish())
+        self.run(self.context.finish)
 
     def close(self) -> None:
         self.run(self.context.release)

@@ -1,0 +1,339 @@
+"""Blender's own `gpu` module: nothing to install, any backend that Blender has (OpenGL, Vulkan, Metal).
+
+Memory barriers: Python has none to call. `gpu.compute.dispatch` issues one for texture fetches and image access after every
+dispatch (source/blender/python/gpu/gpu_py_compute.cc), which is all that one kernel needs to see what another wrote. Nothing
+issues the barriers that OpenGL asks for between a dispatch and a read-back, a clear or a draw into the same texture; Mesa and
+the vendors' drivers order these by themselves, and Vulkan and Metal are tracked by Blender.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, cast
+
+import numpy as np
+
+from ..core.errors import DeviceError
+from . import shader_source
+from .declaration import ComputeDeclaration, KernelDeclaration, RasterDeclaration
+from .interface import (
+    EMPTY_DEPTH_BITS,
+    ComputeKernel,
+    Device,
+    DeviceMesh,
+    Draw,
+    RasterKernel,
+    RenderTarget,
+    Result,
+    Texture,
+    TextureFormat,
+)
+
+FORMAT_NAMES = {TextureFormat.DEPTH32F: "DEPTH_COMPONENT32F"}
+"""Where Blender's name is not the interface's."""
+SAMPLER_TYPES = {"sampler2D": "FLOAT_2D", "usampler2D": "UINT_2D"}
+IMAGE_QUALIFIERS = {"write": {"WRITE"}, "read_write": {"READ", "WRITE"}, "atomic": {"READ", "WRITE"}}
+COMPILER_LINE = re.compile(r"\.glsl:(\d+):\d+:|\b\d+[:(](\d+)[):]")
+
+
+class BlenderTexture(Texture):
+    def __init__(
+        self, device: BlenderGpuDevice, width: int, height: int, texture_format: TextureFormat, texels: np.ndarray | None = None
+    ) -> None:
+        self.device, self.width, self.height, self.format = device, width, height, texture_format
+        gpu = device.gpu
+        # the Buffer looks into the array; creation copies, so neither has to outlive this call
+        data = None if texels is None else gpu.types.Buffer("FLOAT", texels.size, texels.ravel())
+        self.handle = gpu.types.GPUTexture((width, height), format=FORMAT_NAMES.get(texture_format, texture_format.value), data=data)
+
+    def release(self) -> None:
+        # Blender frees a GPU object with its last Python reference
+        self.device.run(setattr, self, "handle", None)
+
+
+class BlenderMesh(DeviceMesh):
+    def __init__(self, device: BlenderGpuDevice, positions: np.ndarray, triangles: np.ndarray) -> None:
+        self.device, self.triangle_count = device, len(triangles)
+        types = device.gpu.types
+        vertex_format = types.GPUVertFormat()
+        vertex_format.attr_add(id="position_os", comp_type="F32", len=3, fetch_mode="FLOAT")
+        vertices = types.GPUVertBuf(vertex_format, len(positions))
+        vertices.attr_fill("position_os", np.ascontiguousarray(positions, np.float32))
+        indices = types.GPUIndexBuf(type="TRIS", seq=np.ascontiguousarray(triangles, np.uint32))
+        self.batch = types.GPUBatch(type="TRIS", buf=vertices, elem=indices)
+
+    def release(self) -> None:
+        self.device.run(setattr, self, "batch", None)
+
+
+class BlenderTarget(RenderTarget):
+    def __init__(self, device: BlenderGpuDevice, color: BlenderTexture, depth: BlenderTexture) -> None:
+        self.device, self.color, self.depth = device, color, depth
+        self.handle = device.gpu.types.GPUFrameBuffer(depth_slot=depth.handle, color_slots=[color.handle])
+
+    def release(self) -> None:
+        self.device.run(setattr, self, "handle", None)
+
+
+def _create_info(gpu: Any, declaration: KernelDeclaration, flags: tuple[str, ...]) -> Any:
+    """The interface of a declaration in Blender's terms; sources, vertex inputs and outputs are still to come."""
+    declaration.check_flags(flags)
+    info = gpu.types.GPUShaderCreateInfo()
+    for flag in flags:
+        info.define(flag, "1")
+    for name, number in declaration.defines.items():
+        info.define(name, repr(number))
+    for slot, (name, texture) in enumerate(declaration.textures.items()):
+        info.sampler(slot, SAMPLER_TYPES[texture.sampler], name)
+    for slot, (name, image) in enumerate(declaration.images.items()):
+        kind = "UINT_2D" if image.texture_format.endswith("UI") else "FLOAT_2D"
+        kind += "_ATOMIC" * (image.access == "atomic")
+        info.image(slot, image.texture_format, kind, name, qualifiers=IMAGE_QUALIFIERS[image.access])
+    for name, constant in declaration.constants.items():
+        info.push_constant(constant.glsl_type.upper(), name)
+    for slot, (name, table) in enumerate(declaration.tables.items()):
+        info.uniform_buf(slot, "vec4", f"{name}[{table.length}]")
+    return info
+
+
+class _Bindings:
+    """Binds a declaration's names to one shader; shared by compute and raster kernels."""
+
+    def __init__(self, device: BlenderGpuDevice, declaration: KernelDeclaration, shader: Any) -> None:
+        self.declaration, self.shader = declaration, shader
+        self.table_buffers = {name: device.gpu.types.GPUUniformBuf(bytes(16 * table.length)) for name, table in declaration.tables.items()}
+        self.locations: dict[str, int] = {}
+        for name in declaration.constants:
+            # the compiler drops names that a variant does not use; Blender then raises ValueError
+            with contextlib.suppress(ValueError):
+                self.locations[name] = shader.uniform_from_name(name)
+
+    def bind(self, bindings: Mapping[str, Any]) -> None:
+        declaration, shader = self.declaration, self.shader
+        declaration.check_bindings(bindings)
+        shader.bind()
+        for name in declaration.textures:
+            shader.uniform_sampler(name, bindings[name].handle)
+        for name in declaration.images:
+            shader.image(name, bindings[name].handle)
+        for name in declaration.constants:
+            self.set_constant(name, bindings[name])
+        for name, table in declaration.tables.items():
+            self.table_buffers[name].update(table.pack(name, bindings[name]))
+            shader.uniform_block(name, self.table_buffers[name])
+
+    def set_constant(self, name: str, value: Any) -> None:
+        location = self.locations.get(name)
+        if location is None:
+            return
+        if self.declaration.constants[name].glsl_type == "int":
+            self.shader.uniform_vector_int(location, np.array([value], np.int32), 1, 1)
+        else:
+            # transposed: numpy's rows are GLSL's columns; what has fewer than two axes stays as it is
+            numbers = np.ascontiguousarray(np.asarray(value, np.float32).T).ravel()
+            self.shader.uniform_vector_float(location, numbers, numbers.size, 1)
+
+
+class BlenderComputeKernel(ComputeKernel):
+    def __init__(self, device: BlenderGpuDevice, declaration: ComputeDeclaration, flags: tuple[str, ...]) -> None:
+        self.device, self.declaration = device, declaration
+        source = shader_source.load(declaration.source)
+        info = _create_info(device.gpu, declaration, flags)
+        info.local_group_size(*declaration.local_size)
+        info.compute_source(source)
+        self.shader = device.compile(declaration, info, [source])
+        self.bindings = _Bindings(device, declaration, self.shader)
+
+    def dispatch(self, group_counts: tuple[int, int, int], **bindings: Any) -> None:
+        self.device.run(self._dispatch, group_counts, bindings)
+
+    def _dispatch(self, group_counts: tuple[int, int, int], bindings: Mapping[str, Any]) -> None:
+        self.bindings.bind(bindings)
+        self.device.gpu.compute.dispatch(self.shader, *group_counts)
+
+
+class BlenderRasterKernel(RasterKernel):
+    def __init__(self, device: BlenderGpuDevice, declaration: RasterDeclaration, flags: tuple[str, ...]) -> None:
+        self.device, self.declaration = device, declaration
+        vertex, fragment = shader_source.load(declaration.vertex_source), shader_source.load(declaration.fragment_source)
+        info = _create_info(device.gpu, declaration, flags)
+        info.vertex_in(0, "VEC3", "position_os")
+        if declaration.varyings:
+            # kept until the shader exists: the info only points to it
+            stages = device.gpu.types.GPUStageInterfaceInfo(f"{declaration.name}_varyings")
+            for name, varying in declaration.varyings.items():
+                getattr(stages, varying.interpolation)(varying.glsl_type.upper(), name)
+            info.vertex_out(stages)
+        info.fragment_out(0, declaration.output_type.upper(), declaration.output_name)
+        info.vertex_source(vertex)
+        info.fragment_source(fragment)
+        self.shader = device.compile(declaration, info, [vertex, fragment])
+        self.bindings = _Bindings(device, declaration, self.shader)
+
+    def draw(self, target: RenderTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], **bindings: Any) -> None:
+        if draws:
+            self.device.run(self._draw, target, viewport, draws, bindings)
+
+    def _draw(self, target: BlenderTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], bindings: dict[str, Any]) -> None:
+        state = self.device.gpu.state
+        with self.device.restored_state(), target.handle.bind():
+            target.handle.viewport_set(*viewport)
+            state.blend_set("NONE")
+            state.depth_test_set("LESS")
+            state.depth_mask_set(True)
+            self.bindings.bind({**bindings, **draws[0].constants})
+            for draw in draws:
+                state.face_culling_set("BACK" if draw.cull_back_faces else "NONE")
+                for name, value in draw.constants.items():
+                    self.bindings.set_constant(name, value)
+                cast(BlenderMesh, draw.mesh).batch.draw_instanced(self.shader, instance_start=0, instance_count=draw.instance_count)
+
+
+class BlenderGpuDevice(Device):
+    name = "gpu"
+
+    def __init__(self) -> None:
+        try:
+            import bpy  # gpu can only be imported once bpy is
+            import gpu
+        except ImportError as error:
+            raise DeviceError(
+                f"this Python has no Blender ({error}); use the device moderngl, or run: python -m pip install bpy"
+            ) from error
+        if bpy.app.background:
+            if not hasattr(gpu, "init"):
+                raise DeviceError(f"Blender {bpy.app.version_string} has no GPU in background, 5.2 and later do; use the device moderngl")
+            try:
+                gpu.init()
+            except Exception as error:
+                # Blender raises bare exceptions whose text is all there is to go by
+                raise DeviceError(f"Blender found no usable GPU ({error}); use the device moderngl") from error
+        self.gpu = gpu
+        self._thread_id = threading.get_ident()
+        self._kernels: dict[tuple[str, tuple[str, ...]], Any] = {}
+        platform = gpu.platform
+        self.description = f"{platform.renderer_get()}, {platform.backend_type_get()} {platform.version_get()}"
+        self.max_texture_size_px = int(gpu.capabilities.max_texture_size_get())
+        self._fence = BlenderTexture(self, 1, 1, TextureFormat.RGBA32F)
+        self._fence_target = gpu.types.GPUFrameBuffer(color_slots=[self._fence.handle])
+
+    def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Blender's context belongs to one thread: a call from any other is refused."""
+        if threading.get_ident() != self._thread_id:
+            raise DeviceError(
+                "Blender's gpu module works only on the thread that opened the device; use the device moderngl from other threads"
+            )
+        return function(*arguments)
+
+    def compile(self, declaration: KernelDeclaration, info: Any, sources: Sequence[str]) -> Any:
+        try:
+            return self.gpu.shader.create_from_info(info)
+        except Exception as error:
+            # Blender raises bare exceptions, and tells the reason only on the console: compile again and listen
+            log: list[str] = []
+            with contextlib.suppress(Exception), _console_output(log):
+                self.gpu.shader.create_from_info(info)
+            text = "".join(log).strip() or str(error)
+            line = COMPILER_LINE.search(text)
+            number = int(line[1] or line[2]) - 1 if line else -1
+            suspects = [source.splitlines()[number].strip() for source in sources if 0 <= number < len(source.splitlines())]
+            raise DeviceError("\n    ".join([f"kernel {declaration.name}: Blender refuses the shader:\n{text}", *suspects])) from error
+
+    @contextlib.contextmanager
+    def restored_state(self) -> Iterator[None]:
+        """Blender's interface draws with the same state. Culling cannot be asked for; nothing in Blender leaves it on."""
+        state = self.gpu.state
+        blend, depth_test, depth_mask = state.blend_get(), state.depth_test_get(), state.depth_mask_get()
+        try:
+            yield
+        finally:
+            state.blend_set(blend)
+            state.depth_test_set(depth_test)
+            state.depth_mask_set(depth_mask)
+            state.face_culling_set("NONE")
+
+    def _kernel(self, kind: type, declaration: KernelDeclaration, flags: tuple[str, ...]) -> Any:
+        key = (declaration.name, tuple(sorted(flags)))
+        if key not in self._kernels:
+            self._kernels[key] = self.run(kind, self, declaration, key[1])
+        return self._kernels[key]
+
+    def compute_kernel(self, declaration: ComputeDeclaration, *flags: str) -> ComputeKernel:
+        return self._kernel(BlenderComputeKernel, declaration, flags)
+
+    def raster_kernel(self, declaration: RasterDeclaration, *flags: str) -> RasterKernel:
+        return self._kernel(BlenderRasterKernel, declaration, flags)
+
+    def create_texture(self, width: int, height: int, texture_format: TextureFormat) -> Texture:
+        return self.run(BlenderTexture, self, width, height, texture_format)
+
+    def upload_texture(self, texels: np.ndarray) -> Texture:
+        height, width, _ = texels.shape
+        return self.run(BlenderTexture, self, width, height, TextureFormat.RGBA32F, np.ascontiguousarray(texels, np.float32))
+
+    def upload_mesh(self, positions: np.ndarray, triangles: np.ndarray) -> DeviceMesh:
+        return self.run(BlenderMesh, self, positions, triangles)
+
+    def create_target(self, color: Texture, depth: Texture) -> RenderTarget:
+        return self.run(BlenderTarget, self, color, depth)
+
+    def fill(self, texture: Texture, value: int = EMPTY_DEPTH_BITS) -> None:
+        self.run(self._fill, texture, value)
+
+    def _fill(self, texture: BlenderTexture, value: int) -> None:
+        if texture.format is TextureFormat.DEPTH32F:
+            framebuffer = self.gpu.types.GPUFrameBuffer(depth_slot=texture.handle)
+            with self.restored_state(), framebuffer.bind():
+                framebuffer.clear(depth=1.0)
+        else:
+            # Blender parses the value as a signed integer
+            signed = value - (1 << 32) if value >> 31 else value
+            texture.handle.clear(format="UINT", value=(signed,) * texture.format.channel_count)
+
+    def read(self, texture: Texture) -> np.ndarray:
+        return self.run(self._read, texture)
+
+    def _read(self, texture: BlenderTexture) -> np.ndarray:
+        if texture.format is TextureFormat.RG32UI:
+            # Blender 5.2 converts these to float on the way
+            raise DeviceError("Blender's gpu module cannot read RG32UI textures")
+        shape = (texture.height, texture.width, texture.format.channel_count)
+        # a copy: the Buffer's memory goes with the Buffer
+        return np.array(texture.handle.read()).reshape(shape[:2] if shape[2] == 1 else shape)
+
+    def finish(self) -> None:
+        self.run(self._finish)
+
+    def _finish(self) -> None:
+        # There is no glFinish. What is drawn last is done last: a texture that was only cleared by the processor, or never
+        # touched, would be read back without waiting.
+        with self.restored_state(), self._fence_target.bind():
+            self._fence_target.clear(color=(0.0, 0.0, 0.0, 0.0))
+        self._fence.handle.read()
+
+    def close(self) -> None:
+        self.run(self._kernels.clear)
+        self._fence_target = None
+        self._fence.release()
+
+
+@contextlib.contextmanager
+def _console_output(log: list[str]) -> Iterator[None]:
+    """Appends to `log` what the whole process writes to its standard output meanwhile, C and C++ included."""
+    with tempfile.TemporaryFile() as file:
+        sys.stdout.flush()
+        console = os.dup(1)
+        os.dup2(file.fileno(), 1)
+        try:
+            yield
+        finally:
+            os.dup2(console, 1)
+            os.close(console)
+            file.seek(0)
+            log.append(file.read().decode(errors="replace"))
