@@ -1,0 +1,269 @@
+"""Placed meshes: gathered while the depsgraph's iterator runs, turned into `core.scene.Instances` afterwards.
+
+What iterating yields is one row of plain numbers each, because a kept item silently changes into the last one. All geometry arrives as
+objects of type MESH, also that of curves, texts, surfaces, metaballs and geometry nodes: those show up a second time, instanced by
+themselves. So nothing has to be converted.
+"""
+
+from __future__ import annotations
+
+import array
+import zlib
+from dataclasses import dataclass, field
+
+import bpy
+import numpy as np
+
+from ..core.scene import Instances, LeftOut, Mesh
+from .extract_mesh import extract_mesh
+
+PERSISTENT_ID_LENGTH = 8
+_NO_MATRIX_BUFFER = bpy.app.version < (5, 0, 0)
+"""4.5 has no buffer protocol for matrices; where there is one it is three times faster"""
+
+
+@dataclass(frozen=True)
+class ObjectFacts:
+    """What is read once of an object, however many instances of it there are."""
+
+    name: str
+    sort_key: str
+    """name and library: unique in the file"""
+    uid: int
+    """session_uid, the same for original and evaluated"""
+    visible_to_camera: bool
+    visible_to_shadow: bool
+    is_holdout: bool
+    is_indirect_only: bool
+    hide_render: bool
+
+
+class ObjectTable:
+    """Facts by address of the evaluated object; addresses are those of the depsgraph's own objects, valid while it lives."""
+
+    def __init__(self, view_layer: bpy.types.ViewLayer, hidden_uids: frozenset[int] = frozenset()) -> None:
+        """view_layer: evaluated. hidden_uids: objects that no renderable collection holds."""
+        self.rows: list[ObjectFacts] = []
+        self._row_of_address: dict[int, int] = {}
+        self._view_layer = view_layer
+        self._hidden_uids = hidden_uids
+
+    def row(self, evaluated: bpy.types.Object) -> int:
+        address = evaluated.as_pointer()
+        row = self._row_of_address.get(address)
+        if row is None:
+            row = self._row_of_address[address] = len(self.rows)
+            self.rows.append(self._read(evaluated))
+        return row
+
+    def _read(self, evaluated: bpy.types.Object) -> ObjectFacts:
+        library = evaluated.original.library
+        is_holdout = evaluated.is_holdout or evaluated.holdout_get(view_layer=self._view_layer)
+        return ObjectFacts(
+            name=evaluated.name,
+            sort_key=f"{evaluated.name}\0{library.filepath if library else ''}",
+            uid=evaluated.session_uid,
+            visible_to_camera=evaluated.visible_camera,
+            visible_to_shadow=evaluated.visible_shadow,
+            is_holdout=is_holdout,
+            is_indirect_only=not is_holdout and evaluated.indirect_only_get(view_layer=self._view_layer),
+            hide_render=evaluated.hide_render or evaluated.session_uid in self._hidden_uids,
+        )
+
+
+@dataclass
+class PlacedInstances:
+    """The finished table, and what light linking asks of it."""
+
+    meshes: tuple[Mesh, ...]
+    instances: Instances
+    world_origin_m: np.ndarray
+    """(3,) float64"""
+    object_uid: np.ndarray
+    """(instance_count,) int64, session_uid of the instanced object"""
+    instancer_uid: np.ndarray
+    """(instance_count,) int64, of the instancer, or of the object itself"""
+    left_out: list[LeftOut]
+    holdout_names: list[str]
+
+
+@dataclass
+class SurfaceRows:
+    """Grows by one row for every mesh that the iterator shows."""
+
+    objects: ObjectTable
+    prefers_to_mesh: bool = False
+    """a viewport depsgraph: meshes in edit mode and those subdivided on the GPU are complete only through `to_mesh`"""
+    meshes: list[Mesh | None] = field(default_factory=list)
+    left_out: list[LeftOut] = field(default_factory=list)
+    _mesh_of_address: dict[int, int] = field(default_factory=dict)
+    _mesh_index: array.array = field(default_factory=lambda: array.array("i"))
+    _object_row: array.array = field(default_factory=lambda: array.array("i"))
+    _instancer_row: array.array = field(default_factory=lambda: array.array("i"))
+    _persistent_ids: array.array = field(default_factory=lambda: array.array("i"))
+    _matrices: array.array = field(default_factory=lambda: array.array("f"))
+
+    def add(self, item: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object, object_row: int, instancer_row: int) -> None:
+        """shown: `item.object`, of type MESH. Rows into `objects`."""
+        mesh_index = self._mesh_index_of(shown)
+        if self.meshes[mesh_index] is None:
+            return
+        self._mesh_index.append(mesh_index)
+        self._object_row.append(object_row)
+        self._instancer_row.append(instancer_row)
+        if item.is_instance:
+            self._persistent_ids.extend(item.persistent_id)
+        else:
+            self._persistent_ids.extend(_NO_PERSISTENT_ID)
+        world_from_object = item.matrix_world
+        if _NO_MATRIX_BUFFER:
+            for row in world_from_object:
+                self._matrices.extend(row)
+        else:
+            self._matrices.frombytes(memoryview(world_from_object).tobytes())
+
+    def _mesh_index_of(self, shown: bpy.types.Object) -> int:
+        """Objects with the same evaluated data, which is what Blender gives duplicates and instances, share one mesh."""
+        address = shown.data.as_pointer()
+        index = self._mesh_of_address.get(address)
+        if index is None:
+            index = self._mesh_of_address[address] = len(self.meshes)
+            if self.prefers_to_mesh and (shown.mode == "EDIT" or (shown.modifiers and shown.modifiers[-1].type == "SUBSURF")):
+                extracted = extract_mesh(shown.to_mesh(), shown.data.name)
+                shown.to_mesh_clear()
+            else:
+                extracted = extract_mesh(shown.data, shown.data.name)
+            self.meshes.append(extracted.mesh)
+            if extracted.dropped_vertex_count:
+                reason = "has vertices whose coordinates are not finite numbers; the triangles at them are missing"
+                self.left_out.append(LeftOut(shown.name, reason, extracted.dropped_vertex_count))
+        return index
+
+    def place(self) -> PlacedInstances:
+        """Sort, so that neither the order in the file nor that of evaluation matters, and move to the origin."""
+        mesh_index = np.array(self._mesh_index, dtype=np.int32)
+        object_row = np.array(self._object_row, dtype=np.int32)
+        instancer_row = np.array(self._instancer_row, dtype=np.int32)
+        persistent_ids = np.array(self._persistent_ids, dtype=np.int32).reshape(-1, PERSISTENT_ID_LENGTH)
+        world_from_object = np.array(self._matrices, dtype=np.float64).reshape(-1, 4, 4)
+        is_usable = _is_invertible(world_from_object)
+        left_out = self.left_out + _unusable_matrices(object_row[~is_usable], world_from_object[~is_usable], self.objects)
+
+        facts = self.objects.rows
+        rank = np.empty(len(facts), dtype=np.int64)
+        rank[sorted(range(len(facts)), key=lambda row: facts[row].sort_key)] = np.arange(len(facts))
+        order = np.lexsort((*persistent_ids.T[::-1], rank[instancer_row], rank[object_row]))  # the last key counts most
+        order = order[is_usable[order]]
+        mesh_index, object_row, instancer_row, persistent_ids = (
+            rows[order] for rows in (mesh_index, object_row, instancer_row, persistent_ids)
+        )
+        meshes, mesh_index = _in_order_of_use(self.meshes, mesh_index)
+        world_from_object = world_from_object[order]
+        world_origin_m = choose_world_origin(meshes, mesh_index, world_from_object)
+        world_from_object[:, :3, 3] -= world_origin_m
+        object_names, object_index = _name_objects(facts, object_row, rank)
+
+        camera, shadow, uid, holdout = (
+            np.array([getattr(fact, name) for fact in facts], dtype=dtype)
+            for name, dtype in (("visible_to_camera", bool), ("visible_to_shadow", bool), ("uid", np.int64), ("is_holdout", bool))
+        )
+        indirect = np.array([fact.is_indirect_only for fact in facts], dtype=bool)
+        instances = Instances(
+            mesh_index=mesh_index,
+            world_from_object=world_from_object.astype(np.float32),
+            object_index=object_index,
+            object_names=object_names,
+            visible_to_camera=camera[object_row] & camera[instancer_row] & ~indirect[instancer_row],
+            casts_shadow=shadow[object_row] & shadow[instancer_row],
+            stable_id=_stable_ids(facts, object_row, instancer_row, persistent_ids),
+        )
+        return PlacedInstances(
+            meshes=meshes,
+            instances=instances,
+            world_origin_m=world_origin_m,
+            object_uid=uid[object_row],
+            instancer_uid=uid[instancer_row],
+            left_out=left_out,
+            holdout_names=sorted({facts[row].name for row in np.unique(instancer_row) if holdout[row]}),
+        )
+
+
+_NO_PERSISTENT_ID = (0,) * PERSISTENT_ID_LENGTH
+
+
+def _is_invertible(world_from_object: np.ndarray) -> np.ndarray:
+    """(instance_count,) bool. Relative to the lengths of the axes: a small object is not a flat one."""
+    axes = world_from_object[:, :3, :3]
+    is_finite = np.isfinite(world_from_object).all(axis=(1, 2))
+    axes = np.where(is_finite[:, None, None], axes, 0.0)
+    lengths = np.linalg.norm(axes, axis=1)
+    unit = axes / np.where(lengths > 0.0, lengths, 1.0)[:, None, :]
+    return is_finite & (lengths > 0.0).all(axis=1) & (np.abs(np.linalg.det(unit)) > 1e-7)
+
+
+def _unusable_matrices(object_row: np.ndarray, world_from_object: np.ndarray, objects: ObjectTable) -> list[LeftOut]:
+    is_finite = np.isfinite(world_from_object).all(axis=(1, 2))
+    left_out = []
+    for reason, rows in (
+        ("has a scale of zero along at least one axis", object_row[is_finite]),
+        ("has a position or scale that is not a finite number", object_row[~is_finite]),
+    ):
+        left_out += [LeftOut(objects.rows[row].name, reason) for row in np.unique(rows)]
+    return left_out
+
+
+def _in_order_of_use(meshes: list[Mesh | None], mesh_index: np.ndarray) -> tuple[tuple[Mesh, ...], np.ndarray]:
+    """Only meshes that some instance shows, in the order of the instances; and the new (instance_count,) int32 index."""
+    used, first_use = np.unique(mesh_index, return_index=True)
+    used = used[np.argsort(first_use)]
+    new_index = np.zeros(len(meshes), dtype=np.int32)
+    new_index[used] = np.arange(len(used), dtype=np.int32)
+    in_order = (meshes[index] for index in used)
+    return tuple(mesh for mesh in in_order if mesh is not None), new_index[mesh_index]
+
+
+def _name_objects(facts: list[ObjectFacts], object_row: np.ndarray, rank: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names of the objects that are shown, sorted, and the (instance_count,) int32 index into them."""
+    shown = np.unique(object_row)
+    shown = shown[np.argsort(rank[shown])]
+    index_of_row = np.zeros(len(facts), dtype=np.int32)
+    index_of_row[shown] = np.arange(len(shown), dtype=np.int32)
+    return tuple(facts[row].name for row in shown), index_of_row[object_row]
+
+
+def _stable_ids(facts: list[ObjectFacts], object_row: np.ndarray, instancer_row: np.ndarray, persistent_ids: np.ndarray) -> np.ndarray:
+    """(instance_count,) uint32 from the names, libraries and persistent ids only"""
+    of_name = np.array([zlib.crc32(fact.sort_key.encode()) for fact in facts], dtype=np.uint32)
+    result = np.zeros(len(object_row), dtype=np.uint32)
+    for column in (of_name[object_row], of_name[instancer_row], *persistent_ids.T.astype(np.uint32)):
+        # FNV's multiplication spreads low bits upwards, the shift brings them back down.
+        result = (result ^ column) * np.uint32(16777619)
+        result ^= result >> np.uint32(15)
+    return result
+
+
+def choose_world_origin(meshes: tuple[Mesh, ...], mesh_index: np.ndarray, world_from_object: np.ndarray) -> np.ndarray:
+    """(3,) float64: a point near the middle of all instances' boxes, on a grid as wide as the scene (a power of two).
+
+    Coordinates relative to it stay below the scene's own size, and it moves only when the scene's middle moves by about the scene's size:
+    an object that walks about, or another camera, leaves it alone. A scene around Blender's origin keeps that origin.
+    """
+    if len(mesh_index) == 0:
+        return np.zeros(3)
+    lowest_os, highest_os = np.array([_bounds_os(mesh) for mesh in meshes], dtype=np.float64)[mesh_index].transpose(1, 0, 2)
+    middle, half = 0.5 * (lowest_os + highest_os), 0.5 * (highest_os - lowest_os)
+    axes = world_from_object[:, :3, :3]
+    middle_ws = np.einsum("nij,nj->ni", axes, middle) + world_from_object[:, :3, 3]
+    half_ws = np.einsum("nij,nj->ni", np.abs(axes), half)
+    lowest, highest = (middle_ws - half_ws).min(axis=0), (middle_ws + half_ws).max(axis=0)
+    size = float((highest - lowest).max())
+    if not 0.0 < size < np.inf:
+        return np.zeros(3)
+    grid = 2.0 ** np.ceil(np.log2(size))
+    return np.rint(0.5 * (lowest + highest) / grid) * grid + 0.0  # adding zero turns -0 into 0
+
+
+def _bounds_os(mesh: Mesh) -> tuple[list[float], list[float]]:
+    """Of all vertices; column by column, since numpy is ten times slower along the short rows."""
+    columns = mesh.positions_os.T
+    return [column.min() for column in columns], [column.max() for column in columns]
