@@ -39,7 +39,8 @@ FORMAT_NAMES = {TextureFormat.DEPTH32F: "DEPTH_COMPONENT32F"}
 """Where Blender's name is not the interface's."""
 SAMPLER_TYPES = {"sampler2D": "FLOAT_2D", "usampler2D": "UINT_2D"}
 IMAGE_QUALIFIERS = {"write": {"WRITE"}, "read_write": {"READ", "WRITE"}, "atomic": {"READ", "WRITE"}}
-COMPILER_LINE = re.compile(r"\.glsl:(\d+):\d+:|\b\d+[:(](\d+)[):]")
+CONSOLE_LINE = re.compile(r"\.glsl:(\d+)")
+"""Blender names every source python_shader.glsl and has already translated the driver's line numbers."""
 
 
 class BlenderTexture(Texture):
@@ -147,7 +148,7 @@ class BlenderComputeKernel(ComputeKernel):
         info = _create_info(device.gpu, declaration, flags)
         info.local_group_size(*declaration.local_size)
         info.compute_source(source)
-        self.shader = device.compile(declaration, info, [source])
+        self.shader = device.compile(declaration, info, {"ComputeShader": (declaration.source, source)})
         self.bindings = _Bindings(device, declaration, self.shader)
 
     def dispatch(self, group_counts: tuple[int, int, int], **bindings: Any) -> None:
@@ -173,7 +174,8 @@ class BlenderRasterKernel(RasterKernel):
         info.fragment_out(0, declaration.output_type.upper(), declaration.output_name)
         info.vertex_source(vertex)
         info.fragment_source(fragment)
-        self.shader = device.compile(declaration, info, [vertex, fragment])
+        stages = {"VertShader": (declaration.vertex_source, vertex), "FragShader": (declaration.fragment_source, fragment)}
+        self.shader = device.compile(declaration, info, stages)
         self.bindings = _Bindings(device, declaration, self.shader)
 
     def draw(self, target: RenderTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], **bindings: Any) -> None:
@@ -188,8 +190,12 @@ class BlenderRasterKernel(RasterKernel):
             state.depth_test_set("LESS")
             state.depth_mask_set(True)
             self.bindings.bind({**bindings, **draws[0].constants})
+            culling = None
             for draw in draws:
-                state.face_culling_set("BACK" if draw.cull_back_faces else "NONE")
+                # thousands of draws a batch: only what changes is said
+                if draw.cull_back_faces is not culling:
+                    culling = draw.cull_back_faces
+                    state.face_culling_set("BACK" if culling else "NONE")
                 for name, value in draw.constants.items():
                     self.bindings.set_constant(name, value)
                 cast(BlenderMesh, draw.mesh).batch.draw_instanced(self.shader, instance_start=0, instance_count=draw.instance_count)
@@ -231,7 +237,8 @@ class BlenderGpuDevice(Device):
             )
         return function(*arguments)
 
-    def compile(self, declaration: KernelDeclaration, info: Any, sources: Sequence[str]) -> Any:
+    def compile(self, declaration: KernelDeclaration, info: Any, stages: Mapping[str, tuple[str, str]]) -> Any:
+        """stages: what Blender's console calls a stage -> file name and text"""
         try:
             return self.gpu.shader.create_from_info(info)
         except Exception as error:
@@ -240,10 +247,7 @@ class BlenderGpuDevice(Device):
             with contextlib.suppress(Exception), _console_output(log):
                 self.gpu.shader.create_from_info(info)
             text = "".join(log).strip() or str(error)
-            line = COMPILER_LINE.search(text)
-            number = int(line[1] or line[2]) - 1 if line else -1
-            suspects = [source.splitlines()[number].strip() for source in sources if 0 <= number < len(source.splitlines())]
-            raise DeviceError("\n    ".join([f"kernel {declaration.name}: Blender refuses the shader:\n{text}", *suspects])) from error
+            raise DeviceError(shader_source.refusal(declaration.name, text, CONSOLE_LINE, stages)) from error
 
     @contextlib.contextmanager
     def restored_state(self) -> Iterator[None]:

@@ -97,7 +97,7 @@ class KernelDeclaration:
 @dataclass(frozen=True, kw_only=True)
 class ComputeDeclaration(KernelDeclaration):
     source: str
-    """file name in gpu_shaders/"""
+    """file name in gpu_shaders/, or an absolute path"""
     local_size: tuple[int, int, int] = (64, 1, 1)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, cast
 
@@ -33,6 +33,8 @@ from .interface import (
 )
 
 MINIMUM_OPENGL = 430
+DRIVER_LINE = re.compile(r"\b0[:(](\d+)\b")
+"""'0:7(10): error' of Mesa, '0(7) : error' of NVIDIA, 'ERROR: 0:7:' of others"""
 
 
 class ModernglTexture(Texture):
@@ -85,17 +87,19 @@ class _Bindings:
     """Binds a declaration's names to one program; shared by compute and raster kernels. Runs on the device's thread."""
 
     def __init__(self, device: ModernglDevice, declaration: KernelDeclaration, program: Any) -> None:
-        self.device, self.declaration, self.program = device, declaration, program
+        self.declaration = declaration
+        # the compiler drops names that a variant does not use; a program is slow to ask, and draws set constants one by one
+        self.uniforms = {name: program[name] for name in program if name in declaration.binding_names}
         self.table_buffers = {name: device.context.buffer(reserve=16 * table.length) for name, table in declaration.tables.items()}
         for unit, name in enumerate(declaration.textures):
-            self._set(name, unit)
+            self.set_constant(name, unit)
 
-    def _set(self, name: str, value: Any) -> None:
-        # the compiler drops names that a variant does not use
-        if name in self.program:
-            self.program[name].value = value
+    def set_constant(self, name: str, value: Any) -> None:
+        uniform = self.uniforms.get(name)
+        if uniform is not None:
+            uniform.value = value
 
-    def bind(self, bindings: dict[str, Any]) -> None:
+    def bind(self, bindings: Mapping[str, Any]) -> None:
         self.declaration.check_bindings(bindings)
         for unit, name in enumerate(self.declaration.textures):
             bindings[name].handle.use(unit)
@@ -107,7 +111,7 @@ class _Bindings:
                 value = tuple(np.asarray(value, np.float32).T.ravel().tolist())
             elif constant.glsl_type.startswith("vec"):
                 value = tuple(float(v) for v in value)
-            self._set(name, value)
+            self.set_constant(name, value)
         for slot, (name, table) in enumerate(self.declaration.tables.items()):
             self.table_buffers[name].write(table.pack(name, bindings[name]))
             self.table_buffers[name].bind_to_uniform_block(slot)
@@ -117,13 +121,14 @@ class ModernglComputeKernel(ComputeKernel):
     def __init__(self, device: ModernglDevice, declaration: ComputeDeclaration, flags: tuple[str, ...]) -> None:
         self.device, self.declaration = device, declaration
         text = shader_source.opengl_compute(declaration, flags)
-        self.shader = device.compile(declaration, text, lambda: device.context.compute_shader(text))
+        stages = {"compute_shader": (declaration.source, text)}
+        self.shader = device.compile(declaration, stages, lambda: device.context.compute_shader(text))
         self.bindings = _Bindings(device, declaration, self.shader)
 
     def dispatch(self, group_counts: tuple[int, int, int], **bindings: Any) -> None:
         self.device.run(self._dispatch, group_counts, bindings)
 
-    def _dispatch(self, group_counts: tuple[int, int, int], bindings: dict[str, Any]) -> None:
+    def _dispatch(self, group_counts: tuple[int, int, int], bindings: Mapping[str, Any]) -> None:
         self.bindings.bind(bindings)
         self.shader.run(*group_counts)
         self.device.context.memory_barrier()
@@ -133,25 +138,29 @@ class ModernglRasterKernel(RasterKernel):
     def __init__(self, device: ModernglDevice, declaration: RasterDeclaration, flags: tuple[str, ...]) -> None:
         self.device, self.declaration = device, declaration
         vertex, fragment = shader_source.opengl_raster(declaration, flags)
-        self.program = device.compile(
-            declaration, vertex + fragment, lambda: device.context.program(vertex_shader=vertex, fragment_shader=fragment)
-        )
+        stages = {"vertex_shader": (declaration.vertex_source, vertex), "fragment_shader": (declaration.fragment_source, fragment)}
+        self.program = device.compile(declaration, stages, lambda: device.context.program(vertex_shader=vertex, fragment_shader=fragment))
         self.bindings = _Bindings(device, declaration, self.program)
 
     def draw(self, target: RenderTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], **bindings: Any) -> None:
-        self.device.run(self._draw, target, viewport, draws, bindings)
+        if draws:
+            self.device.run(self._draw, target, viewport, draws, bindings)
 
-    def _draw(self, target: ModernglTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], bindings: dict[str, Any]) -> None:
+    def _draw(
+        self, target: ModernglTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], bindings: Mapping[str, Any]
+    ) -> None:
         context, moderngl = self.device.context, self.device.moderngl
         target.handle.use()
         target.handle.viewport = viewport
-        if not draws:
-            return
         self.bindings.bind({**bindings, **draws[0].constants})
+        culling = None
         for draw in draws:
-            context.enable_only(moderngl.DEPTH_TEST | (moderngl.CULL_FACE if draw.cull_back_faces else 0))
+            # thousands of draws a batch: only what changes is said
+            if draw.cull_back_faces is not culling:
+                culling = draw.cull_back_faces
+                context.enable_only(moderngl.DEPTH_TEST | (moderngl.CULL_FACE if culling else 0))
             for name, value in draw.constants.items():
-                self.bindings._set(name, value)
+                self.bindings.set_constant(name, value)
             cast(ModernglMesh, draw.mesh).vertex_array(self.program).render(instances=draw.instance_count)
 
 
@@ -194,13 +203,13 @@ class ModernglDevice(Device):
             return function(*arguments)
         return self._worker.submit(function, *arguments).result()
 
-    def compile(self, declaration: KernelDeclaration, text: str, build: Callable[[], Result]) -> Result:
+    def compile(self, declaration: KernelDeclaration, stages: Mapping[str, tuple[str, str]], build: Callable[[], Result]) -> Result:
+        """stages: moderngl's name of a stage -> file name and composed text"""
         try:
             return build()
         except self.moderngl.Error as error:
-            line = re.search(r"\b0:(\d+)\(", str(error))
-            source = f"\n    {text.splitlines()[int(line[1]) - 1].strip()}" if line else ""
-            raise DeviceError(f"kernel {declaration.name}: the driver refuses the shader:\n{str(error).strip()}{source}") from error
+            log = str(error).strip()
+            raise DeviceError(shader_source.refusal(declaration.name, log, DRIVER_LINE, stages)) from error
 
     def _kernel(self, kind: type, declaration: KernelDeclaration, flags: tuple[str, ...]) -> Any:
         key = (declaration.name, tuple(sorted(flags)))

@@ -6,8 +6,8 @@ Nothing here needs a GPU; `check_shaders` composes every variant of every kernel
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from pathlib import Path
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
 
 from ..core.errors import DeviceError
 from ..resources import shader_folder
@@ -17,34 +17,68 @@ INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 FORBIDDEN = re.compile(r"^\s*(#version|layout\s*\(|uniform\s|in\s|out\s)")
 
 
-def load(file_name: str, _including: tuple[str, ...] = ()) -> str:
+class Line(NamedTuple):
+    """A line of shader text and where it came from."""
+
+    text: str
+    file_name: str
+    number: int
+
+
+def load(file_name: str) -> str:
     """The text of a shader file with its includes in place, each file once.
 
+    file_name: within gpu_shaders/, or an absolute path (whose includes are still found within gpu_shaders/).
     Raises DeviceError with file and line for a missing or circular include and for an interface declared in the body.
     """
-    return "\n".join(_expand(file_name, set(), _including))
+    return "\n".join(line.text for line in _expand(file_name, set(), ()))
 
 
-def _expand(file_name: str, seen: set[str], including: tuple[str, ...]) -> list[str]:
-    path: Path = shader_folder() / file_name
-    if file_name in including:
-        raise DeviceError(f"{file_name} includes itself through {' -> '.join(including)}")
+def describe_line(composed: str, file_name: str, number: int) -> str:
+    """'file:line: text' of line `number` (from 1) of a composed text, whose end is the body `load(file_name)`."""
+    composed_lines, body = composed.splitlines(), _expand(file_name, set(), ())
+    if not 0 < number <= len(composed_lines):
+        return f"{file_name}: line {number} of the composed text"
+    index = number - 1 - (len(composed_lines) - len(body))
+    if index < 0:
+        return f"{file_name}: in the declared interface: {composed_lines[number - 1].strip()}"
+    return f"{body[index].file_name}:{body[index].number}: {body[index].text.strip()}"
+
+
+def refusal(kernel_name: str, log: str, line_pattern: re.Pattern[str], stages: Mapping[str, tuple[str, str]]) -> str:
+    """What to tell of a compiler's complaint: the kernel, the line it means, and its own words.
+
+    line_pattern: whose first group is a line number in `log`; stages: what `log` calls a stage -> file name and composed text.
+    """
+    told = [stage for name, stage in stages.items() if name in log] or list(stages.values())
+    line = line_pattern.search(log)
+    # a complaint without a line is about the program as a whole
+    place = f" at {describe_line(told[0][1], told[0][0], int(line[1]))}" if line else ""
+    return f"kernel {kernel_name}: the shader is refused{place}\n{log}"
+
+
+def _expand(file_name: str, seen: set[str], including: tuple[Line, ...]) -> list[Line]:
+    """including: the #include lines that led here"""
+    place = f" (included by {including[-1].file_name}:{including[-1].number})" if including else ""
+    if file_name in (line.file_name for line in including):
+        raise DeviceError(f"shader file {file_name} includes itself through {' -> '.join(line.file_name for line in including)}{place}")
     try:
-        text = path.read_text(encoding="utf-8")
+        text = (shader_folder() / file_name).read_text(encoding="utf-8")
     except OSError as error:
-        place = f" (included by {including[-1]})" if including else ""
         raise DeviceError(f"shader file {file_name} cannot be read{place}: {error.strerror}") from error
-    seen.add(file_name)
-    lines: list[str] = []
-    for number, line in enumerate(text.splitlines(), 1):
-        include = INCLUDE.match(line)
+    lines: list[Line] = []
+    for number, content in enumerate(text.splitlines(), 1):
+        line = Line(content, file_name, number)
+        include = INCLUDE.match(content)
         if include:
             if include[1] not in seen:
-                lines += _expand(include[1], seen, (*including, file_name))
-        elif FORBIDDEN.match(line):
-            raise DeviceError(f"{file_name}:{number}: the interface belongs in the kernel's declaration: {line.strip()}")
+                lines += _expand(include[1], seen, (*including, line))
+        elif FORBIDDEN.match(content):
+            raise DeviceError(f"{file_name}:{number}: the interface belongs in the kernel's declaration: {content.strip()}")
         else:
             lines.append(line)
+    # only now: a file that is still being read and comes up again includes itself
+    seen.add(file_name)
     return lines
 
 
