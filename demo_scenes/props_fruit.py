@@ -49,8 +49,8 @@ def half_lemon_parts() -> list[Part]:
     """Cut face up, at z = 0."""
     t = np.linspace(0, np.pi / 2, 20)
     rind = lathe(np.concatenate([np.column_stack([0.027 * np.sin(t), -0.036 * np.cos(t)]), [[0.0245, 0.0005]]]), 64)
-    angle = np.arange(63) * (2 * np.pi / 63)
-    radii = np.linspace(0.0245, 0.002, 14)[:, None]
+    angle = np.arange(64) * (2 * np.pi / 64)
+    radii = np.linspace(0.0245, 0.0001, 14)[:, None]
     pulp = np.stack(
         [
             radii * np.cos(angle),

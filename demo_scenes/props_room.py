@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .shapes import Shape, box, holed_slab, joined, lathe, mm, rotation_about, sheet, spline, tube, waves
+from .shapes import Shape, box, holed_slab, joined, lathe, mm, rotation_about, sheet, spline, tube, waves, welded
 from .stage import Stage
 
 LEFT_WALL_X, BACK_WALL_Y = -1.125, 0.5625
@@ -41,7 +41,7 @@ def add_walls(stage: Stage) -> None:
     behind = flat.copy()
     behind[..., 1] = BACK_WALL_Y + 0.125
     rim = [np.concatenate([a[0, :], a[1:, -1], a[-1, -2::-1], a[-2:0:-1, 0]]) for a in (behind, flat)]
-    stage.add("Back Wall", [(joined([sheet(flat), sheet(behind).flipped(), sheet(np.array(rim), wrap_columns=True)]), "plaster")])
+    stage.add("Back Wall", [(welded(joined([sheet(flat), sheet(behind).flipped(), sheet(np.array(rim), wrap_columns=True)])), "plaster")])
     left = holed_slab(np.array([[-3.5, 0.0], [BACK_WALL_Y + 0.0625, 2.75]]), np.array(WINDOW), WALL_THICKNESS)
     stage.add("Left Wall", [(_facing_right(left), "plaster")], (LEFT_WALL_X, 0, 0), bevel_m=0.006)
     stage.add("Right Wall", [(box((0.125, 4.0, 2.75), (2.1875, -1.4, 1.375)), "plaster")])
@@ -124,10 +124,12 @@ def add_lamp(stage: Stage, x: float, y: float, rim_z: float) -> None:
     """An enamelled pendant shade whose rim is at `rim_z`, on a cord to the ceiling."""
     outer = spline(mm("150 0, 146 12, 120 50, 75 92, 40 118, 30 150, 28 175"), 40)
     inner = outer[::-1] * (0.975, 1.0) + (-0.001, -0.002)
-    shade = lathe(np.concatenate([[[0.1525, -0.003]], outer, [[0.012, 0.19], [0.0, 0.19]]]), 96)
-    lining = lathe(np.concatenate([[[0.0, 0.172]], inner, [[0.1525, -0.003]]]), 96)
+    shade = lathe(np.concatenate([[[0.0, 0.172]], inner, [[0.1525, -0.003]], outer, [[0.012, 0.19], [0.0, 0.19]]]), 96)
     socket = lathe(mm("0 185, 16 186, 18 195, 18 225, 12 235, 6 240, 0 240"), 32)
-    stage.add("Lamp Shade", [(shade, "enamel green"), (lining, "enamel white"), (socket, "brass")], (x, y, rim_z))
+    thing = stage.add("Lamp Shade", [(shade, "enamel green"), (socket, "brass")], (x, y, rim_z))
+    thing.data.materials.append(stage.material("enamel white"))
+    for polygon in thing.data.polygons[: len(inner) * 96]:
+        polygon.material_index = 2
     drop = np.array([[0, 0, 0.238], [0.002, 0, 0.4], [-0.003, 0.001, 0.7], [0, 0, 2.75 - rim_z]])
     stage.curve("Lamp Cord", [np.add(spline(drop, 40), (x, y, rim_z))], 0.003, "cord")
     twist = np.linspace(0, 60 * np.pi, 720)

@@ -159,7 +159,7 @@ def _prism(ring: np.ndarray, height: float) -> Shape:
     half = count // 2
     outer, inner = np.arange(half), count - 1 - np.arange(half)
     caps = np.stack([outer[:-1], inner[:-1], inner[1:], outer[1:]], axis=-1)
-    return Shape(side.points, np.concatenate([side.quads[:, ::-1], caps[:, ::-1], caps + count])[:, ::-1])
+    return Shape(side.points, np.concatenate([side.quads[:, ::-1], caps[:, ::-1], caps + count]))
 
 
 def _page_block(pages: np.ndarray, height: float) -> Shape:
@@ -201,7 +201,7 @@ def add_knife(stage: Stage, place: tuple[float, float, float], turn: tuple[float
     """Blade along +x from the bolster at the origin, handle along -x."""
     t = np.linspace(0.0, 1.0, 30)
     spine = 0.0085 - 0.008 * np.clip((t - 0.7) / 0.3, 0, 1) ** 2
-    edge = -0.0085 + 0.009 * np.clip((t - 0.82) / 0.18, 0, 1) ** 2
+    edge = -0.0085 + 0.0086 * np.clip((t - 0.82) / 0.18, 0, 1) ** 2
     mid = (spine + edge) / 2
     half = 0.0009 * (1 - 0.6 * t)
     x = 0.115 * t

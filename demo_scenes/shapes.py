@@ -38,6 +38,13 @@ def joined(shapes: list[Shape]) -> Shape:
     )
 
 
+def welded(shape: Shape) -> Shape:
+    """Points of one place (to a hundredth of a millimetre) become one point."""
+    _, first, index = np.unique(np.round(shape.points, 5), axis=0, return_index=True, return_inverse=True)
+    index = index.reshape(-1)
+    return Shape(shape.points[first], index[shape.quads], index[shape.triangles])
+
+
 def rotation_about(axis: str, angle: float) -> np.ndarray:
     """3x3 rotation about 'x', 'y' or 'z'."""
     c, s = np.cos(angle), np.sin(angle)

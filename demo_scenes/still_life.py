@@ -48,7 +48,7 @@ def _light(
 
 def add_lights(stage: Stage) -> None:
     _light(stage, "Key", "SQUARE", (0.0625, 0.0625), 620.0, (1.0, 0.85, 0.64), (-3.75, -3.0, 3.0), (0.0, 0.1, 0.9))
-    _light(stage, "Window", "RECTANGLE", (2.0, 1.25), 30.0, (0.70, 0.84, 1.0), (-1.4375, -0.75, 1.5), (-0.4375, -0.75, 1.5))
+    _light(stage, "Window", "RECTANGLE", (2.0, 1.25), 24.0, (0.70, 0.84, 1.0), (-1.4375, -0.75, 1.5), (-0.4375, -0.75, 1.5))
     _light(stage, "Lamp", "DISK", (0.1875, 0.1875), 9.0, (1.0, 0.70, 0.40), (0.46875, 0.03125, 1.421875), (0.46875, 0.03125, 0.75), 130.0)
 
 
@@ -117,7 +117,7 @@ def set_up_render(scene: bpy.types.Scene) -> None:
     render = scene.render
     render.resolution_x, render.resolution_y, render.resolution_percentage = 960, 540, 100
     scene.view_settings.view_transform = "AgX"
-    scene.view_settings.look = "AgX - Medium High Contrast"
+    scene.view_settings.look = "AgX - High Contrast"
 
 
 def build(scene: bpy.types.Scene) -> None:

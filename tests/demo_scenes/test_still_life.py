@@ -65,9 +65,9 @@ def test_evaluated_geometry_is_large_finite_and_instanced(scene: bpy.types.Scene
     triangles_of: dict[str, int] = {}
     total = instances = 0
     for item in bpy.context.evaluated_depsgraph_get().object_instances:
-        if item.object.type not in {"MESH", "CURVE"}:
+        if item.object.type != "MESH":  # a curve comes twice: as itself, and as the mesh that is rendered
             continue
-        key = f"{item.object.type} {item.object.original.name}"
+        key = item.object.original.name
         if key not in triangles_of:
             mesh = item.object.to_mesh()
             triangles_of[key] = len(mesh.loop_triangles) or sum(len(polygon.vertices) - 2 for polygon in mesh.polygons)
@@ -76,5 +76,5 @@ def test_evaluated_geometry_is_large_finite_and_instanced(scene: bpy.types.Scene
         assert np.isfinite(np.array(item.matrix_world)).all()
         total += triangles_of[key]
         instances += item.is_instance
-    assert 300_000 <= total <= 1_000_000
+    assert 300_000 <= total <= 800_000
     assert instances >= 300
