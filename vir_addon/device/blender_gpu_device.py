@@ -22,8 +22,8 @@ import numpy as np
 from ..core.errors import DeviceError
 from . import shader_source
 from .declaration import ComputeDeclaration, KernelDeclaration, RasterDeclaration
+from .fill import signed_bits
 from .interface import (
-    EMPTY_DEPTH_BITS,
     ComputeKernel,
     Device,
     DeviceMesh,
@@ -151,7 +151,7 @@ class BlenderComputeKernel(ComputeKernel):
         self.shader = device.compile(declaration, info, {"ComputeShader": (declaration.source, source)})
         self.bindings = _Bindings(device, declaration, self.shader)
 
-    def dispatch(self, group_counts: tuple[int, int, int], **bindings: Any) -> None:
+    def dispatch(self, group_counts: tuple[int, int, int], /, **bindings: Any) -> None:
         self.device.run(self._dispatch, group_counts, bindings)
 
     def _dispatch(self, group_counts: tuple[int, int, int], bindings: Mapping[str, Any]) -> None:
@@ -178,7 +178,7 @@ class BlenderRasterKernel(RasterKernel):
         self.shader = device.compile(declaration, info, stages)
         self.bindings = _Bindings(device, declaration, self.shader)
 
-    def draw(self, target: RenderTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], **bindings: Any) -> None:
+    def draw(self, target: RenderTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], /, **bindings: Any) -> None:
         if draws:
             self.device.run(self._draw, target, viewport, draws, bindings)
 
@@ -287,7 +287,7 @@ class BlenderGpuDevice(Device):
     def create_target(self, color: Texture, depth: Texture) -> RenderTarget:
         return self.run(BlenderTarget, self, color, depth)
 
-    def fill(self, texture: Texture, value: int = EMPTY_DEPTH_BITS) -> None:
+    def fill(self, texture: Texture, value: int) -> None:
         self.run(self._fill, texture, value)
 
     def _fill(self, texture: BlenderTexture, value: int) -> None:
@@ -296,9 +296,7 @@ class BlenderGpuDevice(Device):
             with self.restored_state(), framebuffer.bind():
                 framebuffer.clear(depth=1.0)
         else:
-            # Blender parses the value as a signed integer
-            signed = value - (1 << 32) if value >> 31 else value
-            texture.handle.clear(format="UINT", value=(signed,) * texture.format.channel_count)
+            texture.handle.clear(format="UINT", value=(signed_bits(value),) * texture.format.channel_count)
 
     def read(self, texture: Texture) -> np.ndarray:
         return self.run(self._read, texture)

@@ -82,11 +82,11 @@ class ComputeKernel(abc.ABC):
     declaration: ComputeDeclaration
 
     @abc.abstractmethod
-    def dispatch(self, group_counts: tuple[int, int, int], **bindings: Any) -> None:
+    def dispatch(self, group_counts: tuple[int, int, int], /, **bindings: Any) -> None:
         """Run. Every name of the declaration must be bound; numbers and matrices by value, textures by object,
         tables as (rows, 4) float32 arrays."""
 
-    def dispatch_linear(self, invocation_count: int, **bindings: Any) -> None:
+    def dispatch_linear(self, invocation_count: int, /, **bindings: Any) -> None:
         """Run at least `invocation_count` invocations in x; lib/linear_texel.glsl's `linear_invocation()` numbers them."""
         if invocation_count <= 0:
             return
@@ -103,7 +103,7 @@ class RasterKernel(abc.ABC):
     declaration: RasterDeclaration
 
     @abc.abstractmethod
-    def draw(self, target: RenderTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], **bindings: Any) -> None:
+    def draw(self, target: RenderTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], /, **bindings: Any) -> None:
         """Draw with depth test 'less' into `viewport` (x, y, width, height) of the target."""
 
 
@@ -143,7 +143,7 @@ class Device(abc.ABC):
 
     @abc.abstractmethod
     def fill(self, texture: Texture, value: int) -> None:
-        """Set every texel's every channel of an unsigned texture, or depth to 1 for a depth texture."""
+        """Set every texel's every channel of an unsigned texture to `value` (32 bits), or depth to 1 for a depth texture."""
 
     @abc.abstractmethod
     def read(self, texture: Texture) -> np.ndarray:

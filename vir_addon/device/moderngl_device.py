@@ -18,9 +18,8 @@ import numpy as np
 from ..core.errors import DeviceError
 from . import shader_source
 from .declaration import ComputeDeclaration, KernelDeclaration, RasterDeclaration
-from .fill import COVERING_TRIANGLE, FILL
+from .fill import COVERING_TRIANGLE, FILL, signed_bits
 from .interface import (
-    EMPTY_DEPTH_BITS,
     ComputeKernel,
     Device,
     DeviceMesh,
@@ -125,7 +124,7 @@ class ModernglComputeKernel(ComputeKernel):
         self.shader = device.compile(declaration, stages, lambda: device.context.compute_shader(text))
         self.bindings = _Bindings(device, declaration, self.shader)
 
-    def dispatch(self, group_counts: tuple[int, int, int], **bindings: Any) -> None:
+    def dispatch(self, group_counts: tuple[int, int, int], /, **bindings: Any) -> None:
         self.device.run(self._dispatch, group_counts, bindings)
 
     def _dispatch(self, group_counts: tuple[int, int, int], bindings: Mapping[str, Any]) -> None:
@@ -142,7 +141,7 @@ class ModernglRasterKernel(RasterKernel):
         self.program = device.compile(declaration, stages, lambda: device.context.program(vertex_shader=vertex, fragment_shader=fragment))
         self.bindings = _Bindings(device, declaration, self.program)
 
-    def draw(self, target: RenderTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], **bindings: Any) -> None:
+    def draw(self, target: RenderTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], /, **bindings: Any) -> None:
         if draws:
             self.device.run(self._draw, target, viewport, draws, bindings)
 
@@ -237,7 +236,7 @@ class ModernglDevice(Device):
     def create_target(self, color: Texture, depth: Texture) -> RenderTarget:
         return self.run(ModernglTarget, self, color, depth)
 
-    def fill(self, texture: Texture, value: int = EMPTY_DEPTH_BITS) -> None:
+    def fill(self, texture: Texture, value: int) -> None:
         self.run(self._fill, texture, value)
 
     def _fill(self, texture: ModernglTexture, value: int) -> None:
@@ -249,7 +248,7 @@ class ModernglDevice(Device):
             framebuffer.use()
             self.context.enable_only(self.moderngl.NOTHING)
             kernel: ModernglRasterKernel = self._kernel(ModernglRasterKernel, FILL, ())
-            kernel.bindings.bind({"value": value})
+            kernel.bindings.bind({"value": signed_bits(value)})
             self._fill_triangle.vertex_array(kernel.program).render()
         framebuffer.release()
         self.context.memory_barrier()

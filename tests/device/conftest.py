@@ -1,0 +1,43 @@
+"""Both devices, each opened once and kept open beside the other, as in a Blender that uses both."""
+
+import pytest
+
+from vir_addon.core.errors import DeviceError
+from vir_addon.device.open import DEVICE_NAMES, open_device
+
+
+@pytest.fixture(scope="session")
+def opened():
+    devices = {}
+    yield devices
+    for device in devices.values():
+        device.close()
+
+
+@pytest.fixture(scope="session")
+def device_called(opened):
+    """device_called("gpu") -> the device, or the test is skipped where this Blender has none."""
+
+    def called(name):
+        if name == "gpu":
+            bpy = pytest.importorskip("bpy")
+            if bpy.app.version < (5, 2):
+                pytest.skip("before 5.2 Blender has no GPU in background")
+        if name not in opened:
+            try:
+                opened[name] = open_device(name)
+            except DeviceError as error:
+                pytest.fail(str(error))
+        return opened[name]
+
+    return called
+
+
+@pytest.fixture(scope="session", params=DEVICE_NAMES)
+def device(request, device_called):
+    return device_called(request.param)
+
+
+@pytest.fixture(scope="session")
+def both(device_called):
+    return [device_called(name) for name in DEVICE_NAMES]

@@ -1,0 +1,3 @@
+void main() {
+    number = uint(instance_number * 10 + gl_PrimitiveID + 1);
+}

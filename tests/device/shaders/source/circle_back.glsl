@@ -1,0 +1,2 @@
+// and around
+#include "circle.glsl"

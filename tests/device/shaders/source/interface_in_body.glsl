@@ -1,0 +1,3 @@
+fine
+fine too
+  uniform int given;

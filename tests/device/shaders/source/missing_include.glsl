@@ -1,0 +1,2 @@
+first
+#include "not_there.glsl"

@@ -1,0 +1,4 @@
+#include "a.glsl"
+#include "b.glsl"
+#include "a.glsl"
+last
