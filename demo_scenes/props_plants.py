@@ -139,7 +139,8 @@ def add_branches(
 
 def add_fallen_petals(stage: Stage, centre: tuple[float, float, float], spread_m: tuple[float, float], count: int, seed: int = 3) -> None:
     rng = np.random.default_rng(seed)
-    points = np.column_stack([rng.normal(size=(count, 2)) * spread_m + centre[:2], np.full(count, centre[2] + 0.0008)])
+    flat = np.clip(rng.normal(size=(count, 2)), -1.8, 1.8) * spread_m + centre[:2]
+    points = np.column_stack([flat, np.full(count, centre[2] + 0.0008)])
     frames = []
     for _ in range(count):
         angle = rng.uniform(0, 2 * np.pi)

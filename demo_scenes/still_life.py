@@ -73,7 +73,7 @@ def add_props(stage: Stage) -> None:
     props_table.add_table(stage)
     mouth = props_plants.add_vase(stage, -0.14, 0.24, TOP_Z)
     props_plants.add_branches(stage, -0.14, 0.24, mouth, BRANCHES)
-    props_plants.add_fallen_petals(stage, (-0.08, 0.05, TOP_Z), (0.24, 0.13), 64)
+    props_plants.add_fallen_petals(stage, (0.06, 0.1, TOP_Z), (0.22, 0.14), 64)
     props_table.add_cloth(stage, (-0.36, -0.14), (0.42, 0.5), np.radians(24.0))
     props_table.add_lace(stage, (0.27, -0.065), 0.215)
     props_fruit.add_bowl(stage, 0.27, -0.03, TOP_Z + 0.003)
