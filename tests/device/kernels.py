@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from vir_addon.core.passes.shadow_maps import SAMPLING_CONSTANTS, SAMPLING_TABLES
 from vir_addon.device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table, Varying
 
 SHADERS = Path(__file__).resolve().parent / "shaders"
@@ -79,4 +80,14 @@ HASHES = compute(
         "unit_floats": Stored("RGBA32F", "write", "of integer_hashes"),
     },
     constants={"hash_count": Constant("int", "-")},
+)
+TRIANGLE_FUNCTIONS = compute(
+    "triangle_functions",
+    textures={
+        "triangle_corners": Sampled("sampler2D", "three texels a triangle"),
+        "queries": Sampled("sampler2D", "two texels a triangle: a point; a rectangle in its plane, centre and half its size"),
+    },
+    images={"answers": Stored("RGBA32F", "write", "five texels a triangle")},
+    constants={**SAMPLING_CONSTANTS, "triangle_count": Constant("int", "-")},
+    tables=SAMPLING_TABLES,
 )

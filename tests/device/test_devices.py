@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import threading
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from tests.device.kernels import ADD_COUNTS, ATOMIC_MIN, COPY_FLOATS, ECHO, INVOCATION_NUMBERS, NUMBER_TRIANGLES, REFUSED
 from vir_addon.core.errors import DeviceError, UsageError
 from vir_addon.device import open as device_opening
+from vir_addon.device.fill import FILL
 from vir_addon.device.interface import EMPTY_DEPTH_BITS, LINEAR_TEXTURE_WIDTH, MAX_GROUPS_PER_ROW, Draw, TextureFormat
 
 LARGEST_UNSIGNED = 0xFFFFFFFF
@@ -290,8 +292,6 @@ def test_a_draw_then_a_dispatch_then_a_draw_see_each_other(device, canvas):
 
 
 def test_a_mesh_is_drawn_by_two_kernels_and_released(device, canvas):
-    from vir_addon.device.fill import FILL
-
     triangle = mesh(device, TWO_DEPTHS[3:])
     canvas([Draw(triangle, 1, {"first_instance": 0})])
     color = device.create_texture(8, 8, TextureFormat.RG32UI)
@@ -355,9 +355,9 @@ def test_a_device_closes_and_opens_again(device_called):
 def test_unknown_and_missing_devices_say_what_to_do(monkeypatch):
     with pytest.raises(DeviceError, match="unknown device 'vulkan'; there are moderngl and gpu"):
         device_opening.open_device("vulkan")
-    monkeypatch.setitem(__import__("sys").modules, "moderngl", None)
+    monkeypatch.setitem(sys.modules, "moderngl", None)
     with pytest.raises(DeviceError, match="pip install moderngl"):
         device_opening.open_device("moderngl")
-    monkeypatch.setitem(__import__("sys").modules, "bpy", None)
+    monkeypatch.setitem(sys.modules, "bpy", None)
     with pytest.raises(DeviceError, match="use the device moderngl"):
         device_opening.open_device("gpu")

@@ -313,8 +313,8 @@ class BlenderGpuDevice(Device):
         self.run(self._finish)
 
     def _finish(self) -> None:
-        # There is no glFinish. What is drawn last is done last: a texture that was only cleared by the processor, or never
-        # touched, would be read back without waiting.
+        # There is no glFinish, but a read-back waits. Drawn to first: a driver that knows what each texture waits for (Mesa's
+        # software rasterizer does not) might hand over an untouched one at once.
         with self.restored_state(), self._fence_target.bind():
             self._fence_target.clear(color=(0.0, 0.0, 0.0, 0.0))
         self._fence.handle.read()

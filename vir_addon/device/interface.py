@@ -108,7 +108,11 @@ class RasterKernel(abc.ABC):
 
 
 class Device(abc.ABC):
-    """A GPU (or its software stand-in). All methods may be called from any thread; work happens on the device's own."""
+    """A GPU (or its software stand-in).
+
+    moderngl: methods may be called from any thread; the work happens on the device's own, one call after the other.
+    gpu: methods work on the thread that opened the device and raise DeviceError on any other.
+    """
 
     name: str
     """'moderngl' or 'gpu'"""
@@ -118,7 +122,7 @@ class Device(abc.ABC):
 
     @abc.abstractmethod
     def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Call on the device's thread; use it around many small calls."""
+        """Call on the device's thread and return or raise what it does; use it around many small calls."""
 
     @abc.abstractmethod
     def create_texture(self, width: int, height: int, texture_format: TextureFormat) -> Texture: ...
@@ -147,7 +151,9 @@ class Device(abc.ABC):
 
     @abc.abstractmethod
     def read(self, texture: Texture) -> np.ndarray:
-        """R32UI -> (height, width) uint32, RGBA32F -> (height, width, 4) float32; row 0 is the bottom row"""
+        """R32UI -> (height, width) uint32, RGBA32F -> (height, width, 4) float32; row 0 is the bottom row.
+
+        RG32UI is for kernels only: Blender cannot read it back."""
 
     @abc.abstractmethod
     def finish(self) -> None:
