@@ -176,7 +176,7 @@ class ModernglDevice(Device):
         self._kernels: dict[tuple[str, tuple[str, ...]], Any] = {}
         try:
             self._worker.submit(self._open).result()
-        except DeviceError:
+        except Exception:
             self._worker.shutdown()
             raise
 
