@@ -30,7 +30,7 @@ class ObjectFacts:
     sort_key: str
     """name and library: unique in the file"""
     uid: int
-    """session_uid, the same for original and evaluated"""
+    """session_uid of the original; the evaluated copy has another"""
     visible_to_camera: bool
     visible_to_shadow: bool
     is_holdout: bool
@@ -56,18 +56,25 @@ class ObjectTable:
             self.rows.append(self._read(evaluated))
         return row
 
+    def rank(self) -> np.ndarray:
+        """(row_count,) int64: place of each row when sorted by name and library"""
+        rank = np.empty(len(self.rows), dtype=np.int64)
+        rank[sorted(range(len(self.rows)), key=lambda row: self.rows[row].sort_key)] = np.arange(len(self.rows))
+        return rank
+
     def _read(self, evaluated: bpy.types.Object) -> ObjectFacts:
-        library = evaluated.original.library
+        original = evaluated.original
+        library = original.library
         is_holdout = evaluated.is_holdout or evaluated.holdout_get(view_layer=self._view_layer)
         return ObjectFacts(
             name=evaluated.name,
             sort_key=f"{evaluated.name}\0{library.filepath if library else ''}",
-            uid=evaluated.session_uid,
+            uid=original.session_uid,
             visible_to_camera=evaluated.visible_camera,
             visible_to_shadow=evaluated.visible_shadow,
             is_holdout=is_holdout,
             is_indirect_only=not is_holdout and evaluated.indirect_only_get(view_layer=self._view_layer),
-            hide_render=evaluated.hide_render or evaluated.session_uid in self._hidden_uids,
+            hide_render=evaluated.hide_render or original.session_uid in self._hidden_uids,
         )
 
 
@@ -135,13 +142,12 @@ class SurfaceRows:
                 extracted = extract_mesh(shown.data, shown.data.name)
             self.meshes.append(extracted.mesh)
             if extracted.dropped_vertex_count:
-                reason = "has vertices whose coordinates are not finite numbers; the triangles at them are missing"
+                reason = "has vertices whose coordinates are not finite numbers (or beyond 1e15); the triangles at them are missing"
                 self.left_out.append(LeftOut(shown.name, reason, extracted.dropped_vertex_count))
         return index
 
     def place(self) -> PlacedInstances:
         """Sort, so that neither the order in the file nor that of evaluation matters, and move to the origin."""
-        mesh_index = np.array(self._mesh_index, dtype=np.int32)
         object_row = np.array(self._object_row, dtype=np.int32)
         instancer_row = np.array(self._instancer_row, dtype=np.int32)
         persistent_ids = np.array(self._persistent_ids, dtype=np.int32).reshape(-1, PERSISTENT_ID_LENGTH)
@@ -149,33 +155,28 @@ class SurfaceRows:
         is_usable = _is_invertible(world_from_object)
         left_out = self.left_out + _unusable_matrices(object_row[~is_usable], world_from_object[~is_usable], self.objects)
 
-        facts = self.objects.rows
-        rank = np.empty(len(facts), dtype=np.int64)
-        rank[sorted(range(len(facts)), key=lambda row: facts[row].sort_key)] = np.arange(len(facts))
+        rank = self.objects.rank()
         order = np.lexsort((*persistent_ids.T[::-1], rank[instancer_row], rank[object_row]))  # the last key counts most
         order = order[is_usable[order]]
-        mesh_index, object_row, instancer_row, persistent_ids = (
-            rows[order] for rows in (mesh_index, object_row, instancer_row, persistent_ids)
-        )
-        meshes, mesh_index = _in_order_of_use(self.meshes, mesh_index)
-        world_from_object = world_from_object[order]
+        object_row, instancer_row, world_from_object = object_row[order], instancer_row[order], world_from_object[order]
+        meshes, mesh_index = _in_order_of_use(self.meshes, np.array(self._mesh_index, dtype=np.int32)[order])
         world_origin_m = choose_world_origin(meshes, mesh_index, world_from_object)
         world_from_object[:, :3, 3] -= world_origin_m
-        object_names, object_index = _name_objects(facts, object_row, rank)
 
-        camera, shadow, uid, holdout = (
-            np.array([getattr(fact, name) for fact in facts], dtype=dtype)
-            for name, dtype in (("visible_to_camera", bool), ("visible_to_shadow", bool), ("uid", np.int64), ("is_holdout", bool))
-        )
-        indirect = np.array([fact.is_indirect_only for fact in facts], dtype=bool)
+        facts = self.objects.rows
+        object_names, object_index = _name_objects(facts, object_row, rank)
+        uid = np.array([fact.uid for fact in facts], dtype=np.int64)
+        camera = np.array([fact.visible_to_camera for fact in facts], dtype=bool)
+        shadow = np.array([fact.visible_to_shadow for fact in facts], dtype=bool)
+        is_indirect_only = np.array([fact.is_indirect_only for fact in facts], dtype=bool)
         instances = Instances(
             mesh_index=mesh_index,
             world_from_object=world_from_object.astype(np.float32),
             object_index=object_index,
             object_names=object_names,
-            visible_to_camera=camera[object_row] & camera[instancer_row] & ~indirect[instancer_row],
+            visible_to_camera=camera[object_row] & camera[instancer_row] & ~is_indirect_only[instancer_row],
             casts_shadow=shadow[object_row] & shadow[instancer_row],
-            stable_id=_stable_ids(facts, object_row, instancer_row, persistent_ids),
+            stable_id=_stable_ids(facts, object_row, instancer_row, persistent_ids[order]),
         )
         return PlacedInstances(
             meshes=meshes,
@@ -184,7 +185,7 @@ class SurfaceRows:
             object_uid=uid[object_row],
             instancer_uid=uid[instancer_row],
             left_out=left_out,
-            holdout_names=sorted({facts[row].name for row in np.unique(instancer_row) if holdout[row]}),
+            holdout_names=sorted({facts[row].name for row in np.unique(instancer_row) if facts[row].is_holdout}),
         )
 
 

@@ -52,7 +52,7 @@ def read_light(item: bpy.types.DepsgraphObjectInstance) -> LightRow:
         instancer_name=item.parent.name if item.is_instance else None,
         persistent_id=tuple(item.persistent_id) if item.is_instance else (),
         world_from_object=np.array(item.matrix_world, dtype=np.float64),
-        object_uid=(item.instance_object if item.is_instance else light_object).session_uid,
+        object_uid=(item.instance_object if item.is_instance else light_object).original.session_uid,
         shape=shape,
         size_x_m=size_x_m,
         size_y_m=size_y_m,

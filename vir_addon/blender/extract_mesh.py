@@ -17,13 +17,17 @@ from .mesh_topology import is_closed
 _BLOCK = 1 << 14
 """quads looked at together: temporaries stay in the cache"""
 
+_LARGEST_COORDINATE = 1e15
+"""Beyond it a coordinate is as good as infinite: products of a few of them no longer fit into single precision. Blender itself turns an
+infinite coordinate into the largest finite number on some ways in."""
+
 
 @dataclass(frozen=True)
 class ExtractedMesh:
     mesh: Mesh | None
     """None: no triangles"""
     dropped_vertex_count: int = 0
-    """vertices with a coordinate that is not a number or not finite; the triangles at them are gone"""
+    """vertices with a coordinate that is not a number, infinite or absurdly large; the triangles at them are gone"""
 
 
 def extract_mesh(data: bpy.types.Mesh, name: str) -> ExtractedMesh:
@@ -37,8 +41,9 @@ def extract_mesh(data: bpy.types.Mesh, name: str) -> ExtractedMesh:
     point_normals, corner_normals = _read_normals(data, triangle_corners)
 
     dropped_vertex_count = 0
-    if not np.isfinite(positions).all():
-        is_bad = ~np.isfinite(positions).all(axis=1)
+    is_usable = np.abs(positions) <= _LARGEST_COORDINATE
+    if not is_usable.all():
+        is_bad = ~is_usable.all(axis=1)
         dropped_vertex_count = int(is_bad.sum())
         keep = ~is_bad[triangles].any(axis=1)
         triangles = triangles[keep]
@@ -106,7 +111,9 @@ def _split_quads(first_corner: np.ndarray, positions: np.ndarray, corner_vertice
     axes = np.ascontiguousarray(positions.T)
     for start in range(0, len(first_corner), _BLOCK):
         first = first_corner[start : start + _BLOCK]
-        other_cut = _is_first_diagonal_outside(axes, [np.take(corner_vertices, first + k) for k in range(4)]).astype(np.int32)
+        # Coordinates that are infinite, or nearly, overflow: how their quads are cut does not matter.
+        with np.errstate(over="ignore", invalid="ignore"):
+            other_cut = _is_first_diagonal_outside(axes, [np.take(corner_vertices, first + k) for k in range(4)]).astype(np.int32)
         block = halves[start : start + _BLOCK]
         # Corners 0 1 2 and 0 2 3, or 0 1 3 and 1 2 3.
         block[:, 0] = first
@@ -168,11 +175,17 @@ def _face_normals(positions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.where(lengths > 0.0, normals / np.maximum(lengths, np.finfo(np.float64).tiny), (0.0, 0.0, 1.0)).astype(np.float32)
 
 
+def _is_not_unit(normals: np.ndarray) -> np.ndarray:
+    """normals without the last axis, bool. Also True where a component is not finite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares = np.einsum("...i,...i->...", normals, normals)
+    return ~((squares > 0.5) & (squares < 2.0))
+
+
 def _mend_point_normals(normals: np.ndarray | None, positions: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:
     """Vertices beside dropped ones, or with broken custom normals, get the normal of one of their triangles."""
-    if normals is None or np.isfinite(normals).all():
+    if normals is None or not (is_bad := _is_not_unit(normals)).any():
         return normals
-    is_bad = ~np.isfinite(normals).all(axis=1)
     normals[is_bad] = (0.0, 0.0, 1.0)
     at_bad = triangles[is_bad[triangles].any(axis=1)]
     face_normals = _face_normals(positions, at_bad)
@@ -183,9 +196,7 @@ def _mend_point_normals(normals: np.ndarray | None, positions: np.ndarray, trian
 
 
 def _mend_corner_normals(normals: np.ndarray | None, positions: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:
-    if normals is None or np.isfinite(normals).all():
+    if normals is None or not (is_bad := _is_not_unit(normals)).any():
         return normals
-    is_bad = ~np.isfinite(normals).all(axis=2)
-    face_normals = np.broadcast_to(_face_normals(positions, triangles)[:, None, :], normals.shape)
-    normals[is_bad] = face_normals[is_bad]
+    normals[is_bad] = np.broadcast_to(_face_normals(positions, triangles)[:, None, :], normals.shape)[is_bad]
     return normals

@@ -61,8 +61,7 @@ def read_linking(objects: Iterable[bpy.types.Object]) -> tuple[Linking, Linking]
     """Of receivers and of blockers. `objects`: all that may emit, meshes too, since their collections decide who is looked up how."""
     receivers, blockers = Linking(), Linking()
     for emitter in objects:
-        linking = emitter.original.light_linking
-        if linking is not None:
-            receivers.add(emitter.session_uid, linking.receiver_collection)
-            blockers.add(emitter.session_uid, linking.blocker_collection)
+        original = emitter.original
+        receivers.add(original.session_uid, original.light_linking.receiver_collection)
+        blockers.add(original.session_uid, original.light_linking.blocker_collection)
     return receivers, blockers

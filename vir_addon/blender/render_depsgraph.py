@@ -19,6 +19,7 @@ from ..core.errors import SceneError
 Result = TypeVar("Result")
 
 ENGINE_ID = "VIR_EVALUATION"
+_SLOT_NAME = "VIR (scene reading)"
 
 _QUIET_SETTINGS: dict[str, Any] = {
     "engine": ENGINE_ID,
@@ -54,17 +55,17 @@ def with_render_depsgraph(
     """`function(depsgraph)`, where the depsgraph is of mode RENDER and stands at the scene's current frame.
 
     The function must return plain data: the depsgraph and all it holds are freed afterwards, and `bpy.data` is not to be changed
-    inside. Its exceptions arrive at the caller. Nothing is written to disk; settings, handlers and the last render result are left as
-    they were.
+    inside. Its exceptions arrive at the caller. Nothing is written to disk; settings, handlers and render results are left as they were
+    (one empty render slot is added where there are results to protect).
     """
     if is_evaluating():
         raise RuntimeError("with_render_depsgraph was called from inside itself")
     if scene.camera is None:
         raise SceneError(f"The scene '{scene.name}' has no camera. Add one, or make one the active camera.")
     outcome = _Outcome(function)
-    with _registered_engine(outcome), _quiet_render(scene), _kept_render_result():
+    with _registered_engine(outcome), _quiet_render(scene, view_layer), _kept_render_result():
         try:
-            bpy.ops.render.render(write_still=False, scene=scene.name, layer=view_layer.name)
+            bpy.ops.render.render(write_still=False, scene=scene.name)
         except RuntimeError as error:
             raise SceneError(f"Blender cannot render the scene '{scene.name}': {str(error).strip()}") from error
     return outcome.get(scene)
@@ -109,29 +110,52 @@ def _registered_engine(outcome: _Outcome) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _quiet_render(scene: bpy.types.Scene) -> Iterator[None]:
-    """The stand-in engine chosen, nothing after it run, no render handler called."""
-    kept = {name: getattr(scene.render, name) for name in _QUIET_SETTINGS}
-    lists = [getattr(bpy.app.handlers, name) for name in _RENDER_HANDLERS if hasattr(bpy.app.handlers, name)]
-    kept_handlers = [list(handlers) for handlers in lists]
-    _real_engine_of_scene[scene.session_uid] = kept["engine"]
+def _quiet_render(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> Iterator[None]:
+    """The stand-in engine chosen for one view layer, nothing run after it, no handler of renders called."""
+    _real_engine_of_scene[scene.session_uid] = scene.render.engine
     try:
-        for handlers in lists:
-            handlers.clear()
-        for name, value in _QUIET_SETTINGS.items():
-            setattr(scene.render, name, value)
-        yield
+        with contextlib.ExitStack() as stack:
+            for name in _RENDER_HANDLERS:
+                if hasattr(bpy.app.handlers, name):
+                    stack.enter_context(_emptied(getattr(bpy.app.handlers, name)))
+            for name, value in _QUIET_SETTINGS.items():
+                stack.enter_context(_set(scene.render, name, value))
+            # The operator's own `layer` argument has no effect in background: it renders all layers in use.
+            for layer in scene.view_layers:
+                stack.enter_context(_set(layer, "use", layer == view_layer))
+            if hasattr(view_layer, "use_grease_pencil"):  # would be drawn on the GPU, after the engine has run
+                stack.enter_context(_set(view_layer, "use_grease_pencil", False))
+            yield
     finally:
-        for name, value in kept.items():
-            setattr(scene.render, name, value)
-        for handlers, functions in zip(lists, kept_handlers, strict=True):
-            handlers[:] = functions
         del _real_engine_of_scene[scene.session_uid]
 
 
 @contextlib.contextmanager
+def _set(owner: Any, name: str, value: Any) -> Iterator[None]:
+    kept = getattr(owner, name)
+    setattr(owner, name, value)
+    try:
+        yield
+    finally:
+        setattr(owner, name, kept)
+
+
+@contextlib.contextmanager
+def _emptied(handlers: list[Any]) -> Iterator[None]:
+    kept = list(handlers)
+    handlers.clear()
+    try:
+        yield
+    finally:
+        handlers[:] = kept
+
+
+@contextlib.contextmanager
 def _kept_render_result() -> Iterator[None]:
-    """Lets the call write its empty result into a slot of its own, so that the user's last render stays where it is."""
+    """Lets the call write its empty result into a render slot of its own, so that the user's renders stay in theirs.
+
+    Blender refuses to remove the slot that was written last, so the slot stays in the list, to be used again.
+    """
     image = _find_render_result()
     if image is None:
         try:
@@ -143,13 +167,14 @@ def _kept_render_result() -> Iterator[None]:
         return
     slots = image.render_slots
     active_index = slots.active_index
-    slots.new()
-    slots.active_index = len(slots) - 1
+    own = next((index for index, slot in enumerate(slots) if slot.name == _SLOT_NAME), None)
+    if own is None:
+        slots.new(name=_SLOT_NAME)
+        own = len(slots) - 1
+    slots.active_index = own
     try:
         yield
     finally:
-        with bpy.context.temp_override(edit_image=image):
-            bpy.ops.image.remove_render_slot()
         slots.active_index = active_index
 
 
