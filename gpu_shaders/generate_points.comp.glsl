@@ -8,9 +8,9 @@
 
 const int TILE_CELLS = 8;
 const int MAX_SMALL_CELLS = 32;          // what a mask of 32 bits holds
-const int MAX_BLOCKS = 32;               // per axis: each block of a large triangle is sampled at its own density
-const float BLOCK_CELLS = 32.0;
-const int MAX_TILES_PER_BLOCK = 32;      // per axis: a block that nearly touches the light would ask for any number
+const int MAX_PARTS = 4096;              // square parts of a sliver
+const int MAX_QUADTREE_LEVEL = 16;       // a part that touches the light asks for any number: 2^16 x 8 cells across is enough
+const int MAX_QUADTREE_STEPS = 1 << 24;  // never reached; a loop on a GPU must end whatever the numbers are
 const float CULLING_AREA_TEXELS = 0.1;
 
 #ifdef INTO_MAPS
@@ -103,32 +103,52 @@ bool wanted(AlignedTriangle t, vec2 center, vec2 half_size, out vec3 corners[4])
     return rectangle_overlaps(t, center, half_size) && !unseen(corners);
 }
 
-void append_tile(int instance, int triangle, vec2 low, vec2 cell) {
+void append_tile(int instance, int triangle, vec2 low, vec2 size, vec2 cell_counts) {
     uint index = imageAtomicAdd(counters, ivec2(1, 0), 1u);
     if (index < uint(tile_capacity)) {
-        imageStore(tiles, linear_texel(2 * int(index)), vec4(float(instance), float(triangle), 0.0, 0.0));
-        imageStore(tiles, linear_texel(2 * int(index) + 1), vec4(low, cell));
+        imageStore(tiles, linear_texel(2 * int(index)), vec4(float(instance), float(triangle), cell_counts));
+        imageStore(tiles, linear_texel(2 * int(index) + 1), vec4(low, size / cell_counts));
     }
 }
 
-void append_tiles(AlignedTriangle t, int instance, int triangle, vec2 low, vec2 high, float spacing) {
-    ivec2 blocks = clamp(ivec2(ceil((high - low) / (BLOCK_CELLS * spacing))), ivec2(1), ivec2(MAX_BLOCKS));
-    vec2 block = (high - low) / vec2(blocks);
+// Cuts a square part of a large triangle into tiles of at most TILE_CELLS^2 cells, each sampled at the density that it needs
+// itself: one density for all of a floor that reaches under the light would multiply its points. Walks a quadtree without
+// a stack: `node` counts nodes of its level in x and y.
+void append_tiles_of_part(AlignedTriangle t, int instance, int triangle, vec2 low, vec2 size) {
+    ivec2 node = ivec2(0);
+    int level = 0;
     vec3 corners[4];
-    for (int b = 0; b < blocks.x * blocks.y; b++) {
-        vec2 block_low = low + block * vec2(b % blocks.x, b / blocks.x);
-        if (!wanted(t, block_low + 0.5 * block, 0.5 * block, corners)) {
-            continue;
-        }
-        float own_spacing = spacing_for(largest_density_of_corners(corners, t.n));
-        ivec2 tile_counts = clamp(ivec2(ceil(block / (float(TILE_CELLS) * own_spacing))), ivec2(1), ivec2(MAX_TILES_PER_BLOCK));
-        vec2 tile = block / vec2(tile_counts);
-        for (int i = 0; i < tile_counts.x * tile_counts.y; i++) {
-            vec2 tile_low = block_low + tile * vec2(i % tile_counts.x, i / tile_counts.x);
-            if (wanted(t, tile_low + 0.5 * tile, 0.5 * tile, corners)) {
-                append_tile(instance, triangle, tile_low, tile / float(TILE_CELLS));
+    for (int step = 0; step < MAX_QUADTREE_STEPS; step++) {
+        vec2 node_size = size / float(1 << level);
+        vec2 node_low = low + node_size * vec2(node);
+        if (wanted(t, node_low + 0.5 * node_size, 0.5 * node_size, corners)) {
+            float spacing = spacing_for(largest_density_of_rectangle(corners, t.n));
+            vec2 cell_counts = max(ceil(node_size / spacing), 1.0);
+            if (max(cell_counts.x, cell_counts.y) > float(TILE_CELLS) && level < MAX_QUADTREE_LEVEL) {
+                level++;
+                node *= 2;
+                continue;
             }
+            append_tile(instance, triangle, node_low, node_size, min(cell_counts, float(TILE_CELLS)));
         }
+        while (level > 0 && (node.x & node.y & 1) == 1) {
+            level--;
+            node /= 2;
+        }
+        if (level == 0) {
+            return;
+        }
+        node = (node.x & 1) == 0 ? node + ivec2(1, 0) : node + ivec2(-1, 1);
+    }
+}
+
+void append_tiles(AlignedTriangle t, int instance, int triangle, vec2 low, vec2 high) {
+    // u runs along the longest edge: square parts lie side by side
+    vec2 extent = high - low;
+    int parts = int(clamp(ceil(extent.x / max(extent.y, 1e-30)), 1.0, float(MAX_PARTS)));
+    vec2 size = vec2(extent.x / float(parts), extent.y);
+    for (int part = 0; part < parts; part++) {
+        append_tiles_of_part(t, instance, triangle, low + vec2(size.x * float(part), 0.0), size);
     }
 }
 
@@ -181,7 +201,7 @@ void main() {
         vec2 cell = (high - low) / counts;
         emit_points(t, Cells(low + 0.5 * cell, cell, int(counts.x), int(counts.y)));
     } else {
-        append_tiles(t, instance_index, triangle_index, low, high, spacing);
+        append_tiles(t, instance_index, triangle_index, low, high);
     }
 }
 #endif
@@ -195,9 +215,13 @@ void main() {
     }
     vec4 owner = texelFetch(tile_list, linear_texel(2 * tile), 0);
     vec4 place = texelFetch(tile_list, linear_texel(2 * tile + 1), 0);
+    int row = invocation % TILE_CELLS;
+    if (row >= int(owner.w)) {
+        return;
+    }
     InstanceData instance = load_instance(int(owner.x));
     AlignedTriangle t = load_aligned(instance, load_triangle(instance, int(owner.y)));
-    vec2 first_center = place.xy + place.zw * vec2(0.5, float(invocation % TILE_CELLS) + 0.5);
-    emit_points(t, Cells(first_center, place.zw, TILE_CELLS, 1));
+    vec2 first_center = place.xy + place.zw * vec2(0.5, float(row) + 0.5);
+    emit_points(t, Cells(first_center, place.zw, int(owner.z), 1));
 }
 #endif

@@ -6,9 +6,9 @@
 #include "lib/octahedral.glsl"
 #include "lib/face.glsl"
 
-#define face_limits (face[5])
-#define light_axis_fs (face[6].xyz)
-#define tan_half_spread (face[6].w)
+#define view_sample(k) (views[2 * (k) + 1].zw)  // of the view's centre, light space
+#define light_axis_fs (face[5].xyz)
+#define tan_half_spread (face[5].w)
 #define reference_squared_distance (face[4].z)  // keeps sums near 1 in scenes of any scale
 
 // The receiver's tangent plane is followed to the texel's centre, at most this many footprints: at grazing angles the
@@ -57,11 +57,13 @@ float visible_from(int k, vec3 p, vec3 normal_fs, float tolerance) {
     return stored >= receiver_depth - footprint * tolerance - 4.0e-7 * p.z ? 1.0 : 0.0;
 }
 
-bool in_face(vec3 p) {
-    // faces meet at planes through the view's centre; each pixel-view pair belongs to exactly one
-    vec2 low = face_limits.xz * p.z;
-    vec2 high = face_limits.yw * p.z;
-    return p.z > 0.0 && all(greaterThanEqual(p.xy, low)) && all(lessThan(p.xy, high));
+// Which face of the light's half cube a direction belongs to (light space: x, y in the light's plane, z along its axis).
+int face_index(vec3 d) {
+    vec2 side = abs(d.xy);
+    if (d.z >= max(side.x, side.y)) {
+        return 0;
+    }
+    return side.x >= side.y ? (d.x > 0.0 ? 1 : 2) : (d.y > 0.0 ? 3 : 4);
 }
 
 void main() {
@@ -80,6 +82,9 @@ void main() {
         vec3 p_fs = face_position(position.xyz);
         vec3 normal_fs = face_direction(normal.xyz);
         vec3 shading_fs = face_direction(unpack_direction(normal.w));
+#ifdef MANY_FACES
+        vec3 p_ls = vec3(dot(face[8], vec4(position.xyz, 1.0)), dot(face[9], vec4(position.xyz, 1.0)), dot(face[10], vec4(position.xyz, 1.0)));
+#endif
         // curvature and facets within a texel move depths by more the steeper the surface stands to the light
         float facing = min(dot(normal_fs, p_fs), 0.0);
         float slope = sqrt(max(dot(p_fs, p_fs) - facing * facing, 0.0)) / max(-facing, 1e-20);
@@ -92,13 +97,18 @@ void main() {
                 continue;
             }
 #ifdef MANY_FACES
-            if (!in_face(p)) {
+            int belongs_to = face_index(vec3(p_ls.xy - view_sample(k), p_ls.z));
+            if ((face_mask & (1 << belongs_to)) == 0) {
                 continue;
             }
+            bool in_map = belongs_to == map_face;
+#else
+            const bool in_map = true;
 #endif
             float weight = delivered(p, squared_distance, shading_fs);
             if (weight > 0.0) {
-                sums += weight * vec2(visible_from(k, p, normal_fs, tolerance), 1.0);
+                // faces without casters have no map and are looked up together with the first that has one
+                sums += weight * vec2(in_map ? visible_from(k, p, normal_fs, tolerance) : float(dot(normal_fs, p) < 0.0), 1.0);
             }
         }
     }

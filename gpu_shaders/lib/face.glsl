@@ -11,12 +11,23 @@ vec3 face_direction(vec3 d_ws) {
 
 #define texel_tangent (face[3].xy)
 #define map_size (ivec2(face[3].zw))
-#define texels_per_tangent (face[7].xy)
-#define footprint_share (face[7].z)  // a texel's larger side over its depth
+#define texels_per_tangent (face[6].xy)
+#define footprint_share (face[6].z)  // a texel's larger side over its depth
 #define near_m (face[4].x)
 #define far_m (face[4].y)
+#define blur_depth (face[4].w)
 
 // Views of a batch: table `views`, two rows each.
 #define view_center(k) (views[2 * (k)].xyz)
 #define view_first_row(k) (int(views[2 * (k)].w))
 #define view_window(k) (views[2 * (k) + 1].xy)
+
+// Surfaces nearer to the light than its own diameter (`blur_depth`) are sampled as if they stood there, and their points cover
+// as many more texels. Each view sees another part of them, so sampling them fully takes many times the texels of a map; but
+// their penumbra is the light's diameter over their depth times as wide as the receiver's depth, so an outline that
+// grows by blur_depth / depth texels changes it by less than a texel's tangent, a five-hundredth of its width.
+const float MAX_FOOTPRINT_TEXELS = 16.0;
+
+float sampled_depth(float depth) {
+    return max(depth, min(blur_depth, MAX_FOOTPRINT_TEXELS * depth));
+}

@@ -13,21 +13,29 @@ void splat(vec3 p_fs, vec3 normal_fs) {
             continue;
         }
         vec2 at = p.xy * (texels_per_tangent / p.z) - view_window(k);
+        float footprint_texels = sampled_depth(p.z) / p.z;
+        int around = int(ceil(0.5 * (footprint_texels - 1.0)));
         ivec2 texel = ivec2(floor(at));
-        if (any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel, map_size))) {
+        if (any(lessThan(texel + around, ivec2(0))) || any(greaterThanEqual(texel - around, map_size))) {
             continue;
         }
-        vec3 ray = vec3((vec2(texel) + 0.5 + view_window(k)) * texel_tangent, 1.0);
-        float facing = dot(normal_fs, ray);
-        float reach = reach_share * p.z;
-        // edge-on triangles have no depth at the centre: the division is kept finite and the clamp decides
-        float plane_depth = dot(normal_fs, p) / (abs(facing) > 1e-6 ? facing : 1e-6);
-        float depth = clamp(plane_depth, p.z - reach, p.z + reach);
-        uint bits = floatBitsToUint(max(depth, near_m));
-        ivec2 address = texel + ivec2(0, view_first_row(k));
-        // most points are hidden or repeat a texel: looking first is cheaper than an atomic
-        if (imageLoad(depth_maps, address).x > bits) {
-            imageAtomicMin(depth_maps, address, bits);
+        ivec2 low = max(texel - around, ivec2(0));
+        ivec2 high = min(texel + around, map_size - 1);
+        float plane_offset = dot(normal_fs, p);
+        float reach = reach_share * p.z * footprint_texels;
+        for (int y = low.y; y <= high.y; y++) {
+            for (int x = low.x; x <= high.x; x++) {
+                vec3 ray = vec3((vec2(x, y) + 0.5 + view_window(k)) * texel_tangent, 1.0);
+                float facing = dot(normal_fs, ray);
+                // edge-on triangles have no depth at the centre: the division is kept finite and the clamp decides
+                float plane_depth = plane_offset / (abs(facing) > 1e-6 ? facing : 1e-6);
+                uint bits = floatBitsToUint(max(clamp(plane_depth, p.z - reach, p.z + reach), near_m));
+                ivec2 address = ivec2(x, y + view_first_row(k));
+                // most points are hidden or repeat a texel: looking first is cheaper than an atomic
+                if (imageLoad(depth_maps, address).x > bits) {
+                    imageAtomicMin(depth_maps, address, bits);
+                }
+            }
         }
     }
 }

@@ -103,16 +103,23 @@ vec3 closest_point(vec3 p, vec3 a, vec3 b, vec3 c) {
     return sum > 0.0 ? a + ab * (vb / sum) + ac * (vc / sum) : a;
 }
 
-// Texels per square metre of the plane with normal n, seen from a view at distance `p` before it.
+// A view that has a point in its window is at least this deep before it: depth is distance over sqrt(1 + tangents^2), and no
+// view is nearer than the hull. `slack`: how far the surface meant reaches around the point.
+float least_visible_depth(vec3 p_fs, float slack) {
+    vec3 outside = max(abs(p_fs - hull_box[0].xyz) - hull_box[1].xyz, 0.0);
+    // surfaces that touch the light would ask for any density
+    return max((length(outside) - slack) * hull_box[0].w, near_m);
+}
+
+// Texels per square metre of the plane with normal n at p (relative to a view), which is at least `least_depth` deep.
 // x: rho of the paper, one point for the area of a reverse-projected texel.
 // y: the density that leaves no texel empty: a lattice of spacing h has an image whose covering radius is at most
 //    h |J| / 2 with J the Jacobian from plane to map and |J| its Frobenius norm (Gram-Schmidt vectors are no longer
 //    than the lattice's own), and a texel holds a disc of radius 1/2: h = 1 / |J|.
-vec2 texel_density(vec3 p, vec3 n) {
-    // nearer than this the surface is treated as if it stood there: at the view's centre the density has no bound
-    float z = max(p.z, near_m);
+vec2 texel_density(vec3 p, vec3 n, float least_depth) {
+    float z = max(p.z, least_depth);
     vec2 tangent = clamp(p.xy / z, window_bounds.xz, window_bounds.yw);
-    vec2 texels = 1.0 / (texel_tangent * z);
+    vec2 texels = texels_per_tangent / sampled_depth(z);
     vec3 row_x = texels.x * vec3(1.0, 0.0, -tangent.x);
     vec3 row_y = texels.y * vec3(0.0, 1.0, -tangent.y);
     float along_x = dot(row_x, n), along_y = dot(row_y, n);
@@ -121,29 +128,34 @@ vec2 texel_density(vec3 p, vec3 n) {
 }
 
 // rho_mv (eq. 2): the largest density that any view needs, at the point of the triangle closest to it. The views lie in the
-// hull of `hull_count` corners, and a view between corners is no closer than the nearest of them by more than their spacing.
+// hull of `hull_count` corners.
 vec2 largest_density(AlignedTriangle t) {
     vec2 density = vec2(0.0);
     float radius = max(max(length(t.corner_uv[0]), length(t.corner_uv[1])), length(t.corner_uv[2]));
-    if (radius < SMALL_TRIANGLE_SHARE * t.centroid_fs.z) {
+    float least_depth = least_visible_depth(t.centroid_fs, radius);
+    if (radius < SMALL_TRIANGLE_SHARE * least_depth) {
         // too small for its closest point to matter: the centroid moved nearer by the triangle's radius is as safe
         for (int k = 0; k < hull_count; k++) {
-            density = max(density, texel_density(t.centroid_fs - vec3(0.0, 0.0, radius) - hull[k].xyz, t.n));
+            density = max(density, texel_density(t.centroid_fs - vec3(0.0, 0.0, radius) - hull[k].xyz, t.n, least_depth));
         }
         return density;
     }
     for (int k = 0; k < hull_count; k++) {
         vec3 nearest = closest_point(hull[k].xyz, t.corner_fs[0], t.corner_fs[1], t.corner_fs[2]);
-        density = max(density, texel_density(nearest - hull[k].xyz, t.n));
+        density = max(density, texel_density(nearest - hull[k].xyz, t.n, least_depth));
     }
     return density;
 }
 
-vec2 largest_density_of_corners(vec3 corners[4], vec3 n) {
+// The same for a rectangle of a triangle's plane.
+vec2 largest_density_of_rectangle(vec3 corners[4], vec3 n) {
+    vec3 center = 0.5 * (corners[0] + corners[3]);
+    float least_depth = least_visible_depth(center, 0.5 * length(corners[3] - corners[0]));
+    float depth = min(min(corners[0].z, corners[1].z), min(corners[2].z, corners[3].z));
     vec2 density = vec2(0.0);
     for (int k = 0; k < hull_count; k++) {
         for (int i = 0; i < 4; i++) {
-            density = max(density, texel_density(corners[i] - hull[k].xyz, n));
+            density = max(density, texel_density(vec3(corners[i].xy, depth) - hull[k].xyz, n, least_depth));
         }
     }
     return density;

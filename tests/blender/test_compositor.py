@@ -189,7 +189,7 @@ def test_written_exr_files_are_multilayer_images_to_blender(scene, tmp_path):
     long_name = unique_pass_names(["L" * 200])["L" * 200]
     passes = passes_of(ALL, "VIR Shadow Key_001", long_name)
     path = tmp_path / "passes.exr"
-    write_exr(path, passes, view_layer_name="Layer.1", scene_name="Scene", frame=1)
+    write_exr(path, {"Layer.1": passes}, scene_name="Scene", frame=1)
     add_pass_nodes(scene, {})
     tree = tree_of(scene)
     node = tree.nodes.new("CompositorNodeImage")

@@ -25,7 +25,7 @@ def make_passes(light_names: list[str], height: int = 5, width: int = 7) -> Pass
 
 
 def write(target: Path, passes: PassSet, view_layer_name: str = "ViewLayer") -> Path:
-    write_exr(target, passes, view_layer_name=view_layer_name, scene_name="Scene", frame=12)
+    write_exr(target, {view_layer_name: passes}, scene_name="Scene", frame=12)
     return target
 
 
@@ -46,7 +46,7 @@ def test_every_pass_comes_back_bit_equal_and_upside_down(tmp_path):
         np.testing.assert_array_equal(stored.view(np.uint32), image[::-1].view(np.uint32))
     assert header["compression"] == OpenEXR.ZIP_COMPRESSION
     assert (header["Frame"], header["vir:frame"], header["Scene"]) == ("12", 12, "Scene")
-    assert header["vir:VIR Shadow Key"] == "ivir buffered, 64 views at 1024 px, standard error 0.0042"
+    assert header["vir:View_Layer.VIR Shadow Key.V"] == "ivir buffered, 64 views at 1024 px, standard error 0.0042"
 
 
 def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tests.device.kernels import ATOMIC_MIN
-from vir_addon.core.fit import fit_light, instance_corners, select_receivers
-from vir_addon.core.methods.base import cullable_instances
+from vir_addon.core.bounds import compute_bounds, cullable_instances
+from vir_addon.core.fit import fit_light, light_hull, select_receivers
 from vir_addon.core.methods.ivir import ImprovedViewIndependentRasterization
 from vir_addon.core.methods.mvr import MultiviewRasterization
 from vir_addon.core.passes.eye import EyePass
@@ -84,20 +84,20 @@ class Renderer:
     def __init__(self, snapshot, device):
         self.snapshot, self.device, self.light = snapshot, device, snapshot.lights[0]
         self.scene_data = SceneData(snapshot, device)
-        self.eye = EyePass(snapshot, self.scene_data, device)
+        self.bounds = compute_bounds(snapshot)
+        self.eye = EyePass(snapshot, self.scene_data, device, self.bounds)
         self.eye.render(np.array([0.125, -0.25]))
         self.positions, self.normals = device.read(self.eye.positions), device.read(self.eye.normals)
         self.samples = area_light_samples(self.light, VIEW_COUNT)
 
     def fit(self, receivers):
-        faces, _ = fit_light(self.snapshot, self.light, self.samples, instance_corners(self.snapshot), receivers, MAP_SIZE_PX)
+        faces, _ = fit_light(self.snapshot, self.light, self.samples, self.bounds, receivers, MAP_SIZE_PX)
         views = faces[0].views
-        matrix = self.light.world_from_light
         self.face = (
             self.scene_data,
             faces[0],
-            face_table(views, matrix[:3, 3], -matrix[:3, 2], self.light.spread_rad),
-            cullable_instances(self.snapshot, self.light, self.samples),
+            face_table(views, self.light),
+            cullable_instances(self.snapshot, self.bounds, light_hull(self.light, self.samples)),
         )
         self.maps = DepthMaps(self.device, views.map_width_px, views.map_height_px, VIEW_COUNT)
 

@@ -135,8 +135,9 @@ def answers(device):
     queries[:, 0, :3], queries[:, 1] = points, rectangles
     output = linear_texture(device, 5 * TRIANGLE_COUNT)
     unused = {
-        "face": np.zeros((7, 4)),
+        "face": np.zeros((11, 4)),
         "hull": np.zeros((1, 4)),
+        "hull_box": np.zeros((2, 4)),
         "seen_space": np.zeros((6, 4)),
         "window_bounds": np.zeros(4),
         "hull_count": 0,

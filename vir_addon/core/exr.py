@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,10 @@ def channel_name(view_layer_name: str, pass_name: str) -> str:
     return f"{view_layer_name.replace('.', '_')}.{pass_name.replace('.', '_')}.V"
 
 
-def write_exr(target: Path, passes: PassSet, *, view_layer_name: str, scene_name: str, frame: int) -> None:
-    """Write every image of `passes` as one channel: 32-bit float, one part, ZIP, with how each was made as attributes.
+def write_exr(target: Path, layers: Mapping[str, PassSet], *, scene_name: str, frame: int) -> None:
+    """Write every image of every view layer as one channel: 32-bit float, one part, ZIP, with how each was made as attributes.
+
+    layers: view layer name -> its passes.
 
     Raises UsageError when `target` cannot be written, when OpenEXR is not installed, when there are no images or when two
     would share a channel.
@@ -27,11 +30,11 @@ def write_exr(target: Path, passes: PassSet, *, view_layer_name: str, scene_name
         import OpenEXR
     except ImportError as error:
         raise UsageError("writing EXR files needs the OpenEXR package: pip install OpenEXR==3.5.3") from error
-    channels = _channels(passes, view_layer_name)
+    channels = _channels(layers)
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
-        **_attributes(passes, scene_name, frame),
+        **_attributes(layers, scene_name, frame),
     }
     with whole_file(target) as temporary:
         try:
@@ -40,30 +43,32 @@ def write_exr(target: Path, passes: PassSet, *, view_layer_name: str, scene_name
             raise OSError(str(error)) from error
 
 
-def _channels(passes: PassSet, view_layer_name: str) -> dict[str, np.ndarray]:
+def _channels(layers: Mapping[str, PassSet]) -> dict[str, np.ndarray]:
     """Channel name -> (height, width) float32 with row 0 at the top, as EXR has it."""
-    if not passes.images:
-        raise UsageError("there is no pass to write")
     channels: dict[str, np.ndarray] = {}
-    for pass_name, image in passes.images.items():
-        name = channel_name(view_layer_name, pass_name)
-        if name in channels:
-            raise UsageError(f"two passes would be written to the channel {name}; rename one of the lights")
-        channels[name] = np.ascontiguousarray(image[::-1], dtype=np.float32)
+    for view_layer_name, passes in layers.items():
+        for pass_name, image in passes.images.items():
+            name = channel_name(view_layer_name, pass_name)
+            if name in channels:
+                raise UsageError(f"two passes would be written to the channel {name}; rename one of the lights or view layers")
+            channels[name] = np.ascontiguousarray(image[::-1], dtype=np.float32)
+    if not channels:
+        raise UsageError("there is no pass to write")
     return channels
 
 
-def _attributes(passes: PassSet, scene_name: str, frame: int) -> dict[str, str | int]:
+def _attributes(layers: Mapping[str, PassSet], scene_name: str, frame: int) -> dict[str, str | int]:
     """Text attributes that Blender shows as the image's metadata; `frame` also as a number for scripts."""
     attributes: dict[str, str | int] = {
         "Software": f"VIR {__version__}",
         "Scene": scene_name,
         "Frame": str(frame),
         "vir:frame": frame,
-        "vir:device": passes.statistics.device,
     }
-    for made in passes.statistics.passes:
-        attributes[f"vir:{made.pass_name}"] = _how_made(made)
+    for view_layer_name, passes in layers.items():
+        attributes["vir:device"] = passes.statistics.device
+        for made in passes.statistics.passes:
+            attributes[f"vir:{channel_name(view_layer_name, made.pass_name)}"] = _how_made(made)
     return {name: value for name, value in attributes.items() if value != ""}
 
 

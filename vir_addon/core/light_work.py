@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..device.interface import Device, Texture
-from .fit import FittedFace, fit_light, instance_corners, select_receivers
+from .bounds import SceneBounds, cullable_instances
+from .fit import FittedFace, fit_light, light_hull, select_receivers
 from .methods import depth_map_method
-from .methods.base import DepthMapMethod, cullable_instances
+from .methods.base import DepthMapMethod
 from .pass_set import PassStatistics
 from .passes.accumulate import PassAccumulator
 from .passes.eye import EyePass
@@ -16,7 +19,6 @@ from .passes.shadow_maps import RESOLVE, DepthMaps, face_table, views_table
 from .plan import PlannedPass, RenderPlan
 from .sampling import area_light_samples
 from .scene import Light, SceneSnapshot
-from .settings import Method
 from .stopwatch import Stopwatch
 
 
@@ -36,8 +38,10 @@ class MapStore:
         return self._maps[key]
 
     def release(self) -> None:
-        for thing in (self.batch_sums, self.no_receivers, *self._maps.values()):
-            thing.release()
+        self.batch_sums.release()
+        self.no_receivers.release()
+        for maps in self._maps.values():
+            maps.release()
 
 
 class LightWork:
@@ -65,15 +69,14 @@ class LightWork:
         )
         self.faces: list[tuple[FittedFace, np.ndarray, DepthMapMethod | None]] = []
 
-    def fit(self, snapshot: SceneSnapshot, eye: EyePass, stopwatch: Stopwatch) -> None:
+    def fit(self, snapshot: SceneSnapshot, bounds: SceneBounds, eye: EyePass, stopwatch: Stopwatch) -> None:
         """Fit the views to the surfaces of the current eye G-buffer and make what all batches share."""
         with stopwatch.stage("points"):
             receivers = select_receivers(self.device.read(eye.positions), self.device.read(eye.normals), self.light)
-            corners_ws = instance_corners(snapshot)
-            fitted_faces, is_cube = fit_light(snapshot, self.light, self.samples_m, corners_ws, receivers, self.planned.map_resolution_px)
+            fitted_faces, is_cube = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, self.planned.map_resolution_px)
             if is_cube:
                 self.resolve_flags.append("MANY_FACES")
-            culled = cullable_instances(snapshot, self.light, self.samples_m)
+            culled = cullable_instances(snapshot, bounds, light_hull(self.light, self.samples_m))
             for fitted in fitted_faces:
                 self.faces.append(self._face(fitted, culled))
             for _, _, method in self.faces:
@@ -82,13 +85,10 @@ class LightWork:
         self._update_statistics()
 
     def _face(self, fitted: FittedFace, culled: np.ndarray) -> tuple[FittedFace, np.ndarray, DepthMapMethod | None]:
-        matrix = self.light.world_from_light
-        table = face_table(fitted.views, matrix[:3, 3], -matrix[:3, 2], self.light.spread_rad)
+        table = face_table(fitted.views, self.light)
         if not len(fitted.caster_indices):
             return fitted, table, None
-        method = depth_map_method(
-            self.planned, self.scene_data, fitted, table, culled, self.light, self.samples_m, self.plan.settings
-        )
+        method = depth_map_method(self.planned, self.scene_data, fitted, table, culled, self.light, self.samples_m, self.plan.settings)
         return fitted, table, method
 
     def _update_statistics(self) -> None:
@@ -108,31 +108,35 @@ class LightWork:
     def render_batch(self, batch: int, eye: EyePass, stopwatch: Stopwatch) -> None:
         selected = self.batch_views(batch)
         self.accumulator.batch_count += 1
-        for index, (fitted, table, method) in enumerate(self.faces):
+        # faces without casters need no map: the first dispatch looks them up too, or one of their own if there is no other
+        mapped = [face for face in self.faces if face[2] is not None] or self.faces[:1]
+        unmapped_mask = sum(1 << fitted.views.face.index for fitted, _, method in self.faces if method is None)
+        for index, (fitted, table, method) in enumerate(mapped):
             maps = self.store.maps(fitted.views.map_width_px, fitted.views.map_height_px, len(selected))
             if method is not None:
                 with stopwatch.stage("splat or raster"):
                     method.fill(maps, selected)
+            own_mask = 1 << fitted.views.face.index
             with stopwatch.stage("resolve"):
-                self._resolve(eye, fitted, table, maps, selected, index)
-        if self.planned.method is Method.IVIR:
-            self._update_statistics()
+                self._resolve(
+                    eye,
+                    maps,
+                    face=table,
+                    views=views_table(fitted.views, selected),
+                    view_count=len(selected),
+                    map_face=fitted.views.face.index,
+                    face_mask=own_mask | unmapped_mask if index == 0 else own_mask,
+                    first_face=int(index == 0),
+                    last_face=int(index == len(mapped) - 1),
+                )
         if not self.faces:
+            # nothing visible is reached; surfaces still have to be told from the background
             with stopwatch.stage("resolve"):
-                self._count_surfaces(eye)
+                nothing = {"view_count": 0, "map_face": 0, "face_mask": 0, "first_face": 1, "last_face": 1}
+                self._resolve(eye, self.store.maps(1, 1, 1), face=np.zeros((1, 4)), views=np.zeros((1, 4)), **nothing)
+        self._update_statistics()
 
-    def _resolve(self, eye: EyePass, fitted: FittedFace, table: np.ndarray, maps: DepthMaps, selected: range, index: int) -> None:
-        self._dispatch_resolve(
-            eye, table, views_table(fitted.views, selected), len(selected), maps, first=index == 0, last=index == len(self.faces) - 1
-        )
-
-    def _count_surfaces(self, eye: EyePass) -> None:
-        """Nothing visible is reached: surfaces still have to be told from the background."""
-        self._dispatch_resolve(eye, np.zeros((8, 4)), np.zeros((2, 4)), 0, self.store.maps(1, 1, 1), first=True, last=True)
-
-    def _dispatch_resolve(
-        self, eye: EyePass, table: np.ndarray, views: np.ndarray, view_count: int, maps: DepthMaps, *, first: bool, last: bool
-    ) -> None:
+    def _resolve(self, eye: EyePass, maps: DepthMaps, **bindings: Any) -> None:
         width, height = eye.size
         self.device.compute_kernel(RESOLVE, *self.resolve_flags).dispatch(
             (-(-width // 8), -(-height // 8), 1),
@@ -145,11 +149,7 @@ class LightWork:
             batch_sums=self.store.batch_sums,
             width=width,
             height=height,
-            view_count=view_count,
-            first_face=int(first),
-            last_face=int(last),
-            face=table,
-            views=views,
+            **bindings,
         )
 
     def release(self) -> None:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import cost
+from .bounds import compute_bounds
 from .errors import SceneError, UsageError
-from .fit import instance_corners, light_casters
+from .fit import light_casters
 from .pass_set import unique_pass_names
 from .passes.shadow_maps import MAX_BATCH_VIEWS
 from .scene import Camera, Light, SceneSnapshot
@@ -57,7 +58,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     """
     lights = _chosen_lights(snapshot, settings)
     names = unique_pass_names([light.name for light in snapshot.lights])
-    corners_ws = instance_corners(snapshot)
+    corners_ws = compute_bounds(snapshot).corners_ws
     passes = tuple(_plan_light(snapshot, light, names[light.name], settings, corners_ws) for light in lights)
     running = [planned for planned in passes if planned.runs]
     most_views = max((planned.view_count for planned in running), default=0)
@@ -110,7 +111,9 @@ def _plan_light(snapshot: SceneSnapshot, light: Light, pass_name: str, settings:
     if settings.method is Method.AUTO:
         method = min(estimates, key=lambda m: estimates[m])
         other = max(estimates, key=lambda m: estimates[m])
-        reason += f"; {method.value} about {max(estimates[other] / max(estimates[method], 1e-9), 1.0):.1f} times faster than {other.value} here"
+        reason += (
+            f"; {method.value} about {max(estimates[other] / max(estimates[method], 1e-9), 1.0):.1f} times faster than {other.value} here"
+        )
     else:
         method = settings.method
         reason += f"; {method.value} as asked"
@@ -127,7 +130,7 @@ def _plan_light(snapshot: SceneSnapshot, light: Light, pass_name: str, settings:
     )
 
 
-def _reason_to_skip(snapshot: SceneSnapshot, light: Light, corners_ws: np.ndarray) -> tuple[str, float] | None:
+def _reason_to_skip(snapshot: SceneSnapshot, light: Light, corners_ws: np.ndarray) -> tuple[str, float] | None:  # noqa: PLR0911  a list of reasons
     """The reason and the value of surfaces, or None when the light calls for work."""
     if not light.shape.is_area:
         return f"skipped: this version makes shadows of area lights only, this is a {light.shape.value} light", 1.0

@@ -11,14 +11,14 @@ Lights take turns inside a batch, so that all passes are equally far at every st
 from __future__ import annotations
 
 import contextlib
-import math
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..device.interface import Device
+from .bounds import compute_bounds
 from .light_work import LightWork, MapStore
 from .pass_set import COMBINED_PASS_NAME, PassSet, PassStatistics, SetStatistics
 from .passes.accumulate import pass_image
@@ -34,7 +34,10 @@ from .stopwatch import Stopwatch
 class Progress:
     """The state after a batch of views. `passes` is complete and valid at every step; it only gets better."""
 
+    batches_done: int
+    batches_total: int
     views_done: int
+    """light samples looked up so far, of all passes"""
     views_total: int
     elapsed_s: float
     seconds_left: float
@@ -55,7 +58,7 @@ class Progress:
         return PassSet(self.passes, self.statistics)
 
 
-def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device) -> Iterator[Progress]:
+def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device) -> Generator[Progress, None, None]:
     """Yield after every batch. Closing the generator releases the device's memory."""
     with contextlib.closing(Renderer(snapshot, plan, device)) as renderer:
         start = time.perf_counter()
@@ -66,6 +69,8 @@ def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device) -> Iterato
             elapsed_s = time.perf_counter() - start
             share_done = (batch + 1) / plan.batch_count
             yield Progress(
+                batches_done=batch + 1,
+                batches_total=plan.batch_count,
                 views_done=round(renderer.views_total * share_done),
                 views_total=renderer.views_total,
                 elapsed_s=elapsed_s,
@@ -113,10 +118,11 @@ class Renderer:
                 self.statistics.passes.append(PassStatistics(planned.pass_name, planned.light_name, "none", planned.reason))
         if not self.needs_eye:
             return
+        bounds = compute_bounds(self.snapshot)
         with self.stopwatch.stage("upload"):
             self.scene_data = SceneData(self.snapshot, self.device)
             self._cleanup.callback(self.scene_data.release)
-            self.eye = EyePass(self.snapshot, self.scene_data, self.device)
+            self.eye = EyePass(self.snapshot, self.scene_data, self.device, bounds)
             self._cleanup.callback(self.eye.release)
             self.store = MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px)
             self._cleanup.callback(self.store.release)
@@ -128,7 +134,7 @@ class Renderer:
                 self.works.append(work)
                 self.statistics.passes.append(work.statistics)
                 with self.stopwatch.billed_to(work.statistics.stage_ms):
-                    work.fit(self.snapshot, self.eye, self.stopwatch)
+                    work.fit(self.snapshot, bounds, self.eye, self.stopwatch)
         self.statistics.passes.sort(key=lambda statistics: statistics.light_name)
 
     def _render_eye(self, batch: int) -> None:
@@ -184,14 +190,6 @@ class Renderer:
 
 
 def combined_weight(light: Light, view_count: int, batch_count: int) -> float:
-    """What a light's running sums count in the combined pass: its strength per look-up.
-
-    A batch adds as many samples as it has views. Blender normalizes the spread so that a narrower light is as bright as a wide one
-    in total; the resolve kernel leaves that factor out because it cancels within one light.
-    """
-    half = light.spread_rad / 2
-    spread = 1.0
-    if light.spread_rad < math.pi - 1e-4:
-        spread = math.tan(half) / (math.tan(half) - half)
-    views_per_batch = max(view_count / batch_count, 1.0)
-    return abs(light.strength) * spread / views_per_batch
+    """What a light's running sums count in the combined pass: its strength per look-up, as a batch adds as many samples as it
+    has views. A light of negative strength counts as much as a positive one, so that the pass stays between 0 and 1."""
+    return abs(light.strength) / max(view_count / batch_count, 1.0)

@@ -47,7 +47,8 @@ class Mesh:
     def compute_bounds_os(self) -> np.ndarray:
         """(2, 3) float32: smallest and largest corner of the vertices that triangles use."""
         used = self.positions_os[self.triangles.ravel()] if self.vertex_count > 4 * self.triangle_count else self.positions_os
-        return np.stack([used.min(axis=0), used.max(axis=0)])
+        # column by column: numpy's min over the first axis of (n, 3) takes thirty times longer
+        return np.array([[column.min() for column in used.T], [column.max() for column in used.T]])
 
 
 @dataclass(frozen=True)
@@ -98,12 +99,14 @@ class Light:
     spread_rad: float
     """full angle of the emission cone of area lights; pi is the plain cosine emitter"""
     strength: float
-    """luminance of colour times power, exposure included; sign kept. Weighs the light in the combined pass."""
+    """Weighs the light in the combined pass, sign kept: irradiance = strength * mean over light samples of
+    cos_receiver cos_light / d^2 max(0, 1 - tan(angle) / tan(spread / 2)), with the luminance of the light's colour"""
     casts_shadow: bool
     receivers: np.ndarray | None = None
     """(instance_count,) bool: which instances the light illuminates (light linking); None: all"""
     blockers: np.ndarray | None = None
-    """(instance_count,) bool: which instances may cast its shadow (shadow linking and visible_shadow); None: `casts_shadow` of the instances"""
+    """(instance_count,) bool: which instances may cast its shadow (shadow linking and visible_shadow);
+    None: `casts_shadow` of the instances"""
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,8 @@ class Camera:
     world_from_view: np.ndarray
     """(4, 4) float64, rigid, after the origin's shift"""
     window: tuple[float, float, float, float]
-    """left, right, bottom, top: of the plane at distance 1 m (perspective, tangents) or in metres (orthographic)"""
+    """left, right, bottom, top: of the plane at distance 1 m (perspective, tangents) or in metres (orthographic);
+    left > right for a mirrored camera"""
     clip_start_m: float
     clip_end_m: float
 
@@ -131,8 +135,8 @@ class PixelFilter:
     """The scene's own reconstruction filter: passes are anti-aliased like the beauty they are multiplied with."""
 
     shape: FilterShape = FilterShape.BLACKMAN_HARRIS
-    width_px: float = 1.5
-    """full width"""
+    width_px: float = 3.0
+    """full width of the support: twice what Cycles calls the width of its Blackman-Harris filter"""
 
 
 @dataclass(frozen=True)

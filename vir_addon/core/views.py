@@ -23,8 +23,6 @@ MAX_SINGLE_FACE_TANGENT = math.tan(math.radians(50))
 LADDER_STEPS_PER_OCTAVE = 8
 """texel sizes are powers of 2^(1/8): at most 9 % of a map's width is lost to the ladder"""
 WINDOW_MARGIN_TEXELS = 2
-FACE_BORDER_TEXELS = 2
-"""cube faces overlap by this much, so that look-ups at their seams find their texel on either side"""
 NEAR_SHARE_OF_FAR = 1e-4
 """Surfaces nearer to a view than this share of the farthest receiver neither cast nor count: the light touches them."""
 
@@ -34,6 +32,8 @@ class Face:
     """An orientation that all views of a light share."""
 
     name: str
+    index: int
+    """0 front, then right, left, top, bottom: the axis of the light's space along which a direction is longest"""
     face_from_world: np.ndarray
     """(3, 3) float64 rows right, up, forward"""
     limits: tuple[float, float, float, float]
@@ -55,14 +55,14 @@ def area_light_faces(light: Light, needs_cube: bool) -> tuple[Face, ...]:
     right, up, forward = light_axes(light)
     if not needs_cube:
         t = MAX_SINGLE_FACE_TANGENT
-        return (Face("front", _rows(right, up, forward), (-t, t, -t, t)),)
+        return (Face("front", 0, _rows(right, up, forward), (-t, t, -t, t)),)
     # the sides see only what lies before the light's plane: their forward half towards the axis
     return (
-        Face("front", _rows(right, up, forward), (-1, 1, -1, 1)),
-        Face("right", _rows(-forward, up, right), (-1, 0, -1, 1)),
-        Face("left", _rows(forward, up, -right), (0, 1, -1, 1)),
-        Face("top", _rows(right, -forward, up), (-1, 1, -1, 0)),
-        Face("bottom", _rows(right, forward, -up), (-1, 1, 0, 1)),
+        Face("front", 0, _rows(right, up, forward), (-1, 1, -1, 1)),
+        Face("right", 1, _rows(-forward, up, right), (-1, 0, -1, 1)),
+        Face("left", 2, _rows(forward, up, -right), (0, 1, -1, 1)),
+        Face("top", 3, _rows(right, -forward, up), (-1, 1, -1, 0)),
+        Face("bottom", 4, _rows(right, forward, -up), (-1, 1, 0, 1)),
     )
 
 
@@ -73,6 +73,8 @@ class FaceViews:
     face: Face
     centers_fs: np.ndarray
     """(view_count, 3) float64 view centres in face space"""
+    samples_m: np.ndarray
+    """(view_count, 2) float64 the same in the light's plane"""
     texel_tangent: tuple[float, float]
     """width and height of a texel in tangents, common to all views"""
     window_texels: np.ndarray
@@ -97,7 +99,9 @@ def snap_up_to_ladder(size: float) -> float:
     return 2.0 ** (math.ceil(math.log2(size) * LADDER_STEPS_PER_OCTAVE - 1e-9) / LADDER_STEPS_PER_OCTAVE)
 
 
-def fit_windows(face: Face, centers_fs: np.ndarray, windows: np.ndarray, resolution_px: int, near_m: float, far_m: float) -> FaceViews:
+def fit_windows(
+    face: Face, centers_fs: np.ndarray, samples_m: np.ndarray, windows: np.ndarray, resolution_px: int, near_m: float, far_m: float
+) -> FaceViews:
     """Place one map per view over its window.
 
     windows: (view_count, 4) float64 tangents left, right, bottom, top that the maps must cover.
@@ -110,6 +114,7 @@ def fit_windows(face: Face, centers_fs: np.ndarray, windows: np.ndarray, resolut
     return FaceViews(
         face=face,
         centers_fs=centers_fs,
+        samples_m=samples_m,
         texel_tangent=(tangents[0], tangents[1]),
         window_texels=np.stack(origin, axis=-1),
         map_width_px=resolution_px,

@@ -6,9 +6,13 @@ portions, each generated again for each batch. `bufferless`: every batch generat
 
 from __future__ import annotations
 
+import contextlib
+from typing import Any, Protocol, TypeVar
+
 import numpy as np
 
-from ...device.interface import EMPTY_DEPTH_BITS, LINEAR_TEXTURE_WIDTH, Texture, TextureFormat
+from ...device.declaration import ComputeDeclaration
+from ...device.interface import EMPTY_DEPTH_BITS, LINEAR_TEXTURE_WIDTH, Device, Texture, TextureFormat
 from ..errors import DeviceError
 from ..fit import FittedFace, light_hull
 from ..passes.scene_data import SceneData
@@ -24,6 +28,13 @@ from ..scene import Light
 from ..settings import PointStorage, Settings
 from ..views import FaceViews
 from .base import DepthMapMethod
+
+
+class Releasable(Protocol):
+    def release(self) -> None: ...
+
+
+Resource = TypeVar("Resource", bound=Releasable)
 
 TILE_CELLS = 8
 TEXELS_PER_TILE = 2
@@ -47,16 +58,18 @@ def seen_space_planes(views: FaceViews, hull_fs: np.ndarray) -> tuple[np.ndarray
 class _LinearStore:
     """A growing device array; its content is lost when it grows."""
 
-    def __init__(self, device, texel_count: int) -> None:
-        self.device, self.texture = device, None
-        self.reserve(texel_count)
+    def __init__(self, device: Device, texel_count: int) -> None:
+        self.device = device
+        self._create(texel_count)
 
     def reserve(self, texel_count: int) -> None:
+        self.texture.release()
+        self._create(texel_count)
+
+    def _create(self, texel_count: int) -> None:
         rows = max(1, -(-texel_count // LINEAR_TEXTURE_WIDTH))
         if rows > self.device.max_texture_size_px:
             raise DeviceError(f"{texel_count} texels exceed the device's largest texture; choose a smaller map resolution")
-        if self.texture is not None:
-            self.texture.release()
         self.texture: Texture = self.device.create_texture(LINEAR_TEXTURE_WIDTH, rows, TextureFormat.RGBA32F)
         self.texel_count = rows * LINEAR_TEXTURE_WIDTH
 
@@ -81,29 +94,40 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         rotation = fitted.views.face.face_from_world
         hull_fs = (light_hull(light, samples_m) - light.world_from_light[:3, 3]) @ rotation.T
         planes, bounds = seen_space_planes(fitted.views, hull_fs)
+        farthest = np.maximum(np.abs(bounds[0::2]), np.abs(bounds[1::2]))
+        hull_box = np.zeros((2, 4))
+        hull_box[:, :3] = (hull_fs.max(axis=0) + hull_fs.min(axis=0)) / 2, (hull_fs.max(axis=0) - hull_fs.min(axis=0)) / 2
+        hull_box[0, 3] = 1 / np.sqrt(1 + (farthest**2).sum())
         self.sampling_bindings = {
             **scene_data.bindings,
             "face": face_table,
             "hull": np.pad(hull_fs, ((0, 0), (0, 1))),
             "hull_count": len(hull_fs),
+            "hull_box": hull_box,
             "seen_space": planes,
             "window_bounds": bounds,
         }
         self.flags = ["WATERTIGHT"] * settings.watertight + ["STOCHASTIC_CULLING"] * settings.stochastic_culling
         self.culled_triangle_count = 0
-        self._portions: list[tuple[int, int]] | None = None
+        self.tile_count = 0
+        self.buffered_point_count = 0
+        self._portions: list[tuple[int, int]] = []
+        self._cleanup = contextlib.ExitStack()
+
+    def _owned(self, resource: Resource) -> Resource:
+        self._cleanup.callback(resource.release)
+        return resource
 
     def prepare(self) -> None:
         self.device.run(self._prepare)
 
     def _prepare(self) -> None:
-        self.work = self.scene_data.work_table(self.fitted.caster_indices, ~self.culled)
-        self.counters = self.device.create_texture(4, 1, TextureFormat.R32UI)
-        self.tiles = _LinearStore(self.device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY)
-        self.tile_count = 0
+        self.work = self._owned(self.scene_data.work_table(self.fitted.caster_indices, ~self.culled))
+        self.counters = self._owned(self.device.create_texture(4, 1, TextureFormat.R32UI))
+        self.tiles = self._owned(_LinearStore(self.device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY))
         if self.storage is PointStorage.BUFFERED:
             self.capacity_limit = self.settings.point_buffer_mib * (1 << 20) // BYTES_PER_POINT
-            self.points = _LinearStore(self.device, min(self.capacity_limit, max(1 << 18, 3 * self.work.triangle_count)))
+            self.points = self._owned(_LinearStore(self.device, min(self.capacity_limit, max(1 << 18, 3 * self.work.triangle_count))))
             self._portions = self._plan_portions()
             self.portion_count = len(self._portions)
 
@@ -140,7 +164,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         self.buffered_point_count = int(counters[0])
         return int(counters[0]), int(counters[2])
 
-    def _run_triangles(self, declaration, first_group: int, group_count: int, **outputs) -> None:
+    def _run_triangles(self, declaration: ComputeDeclaration, first_group: int, group_count: int, **outputs: Any) -> None:
         kernel = self.device.compute_kernel(declaration, *self.flags)
 
         def run() -> int:
@@ -163,7 +187,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
             self.tiles.reserve(self.tile_count * TEXELS_PER_TILE)
             self.tile_count = run()
 
-    def _run_tiles(self, declaration, **outputs) -> None:
+    def _run_tiles(self, declaration: ComputeDeclaration, **outputs: Any) -> None:
         self.device.compute_kernel(declaration, *self.flags).dispatch_linear(
             self.tile_count * TILE_CELLS,
             **self.sampling_bindings,
@@ -191,11 +215,12 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
             if len(self._portions) > 1:
                 self._generate_into_buffer(first, count)
             self.device.compute_kernel(SPLAT_POINTS).dispatch_linear(
-                self.buffered_point_count, **outputs, face=self.face_table, points=self.points.texture, point_count=self.buffered_point_count
+                self.buffered_point_count,
+                **outputs,
+                face=self.face_table,
+                points=self.points.texture,
+                point_count=self.buffered_point_count,
             )
 
     def release(self) -> None:
-        for thing in (self.work, self.counters, self.tiles):
-            thing.release()
-        if self.storage is PointStorage.BUFFERED:
-            self.points.release()
+        self._cleanup.close()

@@ -26,6 +26,4 @@ class MultiviewRasterization(DepthMapMethod):
             seen = self.fitted.caster_indices[self.fitted.seen_by_view[view]]
             viewport = (0, index * views.map_height_px, views.map_width_px, views.map_height_px)
             draws = self.scene_data.draws(seen, self.culled)
-            kernel.draw(
-                target, viewport, draws, instances=self.scene_data.instances, face=self.face_table, views=table, view_index=index
-            )
+            kernel.draw(target, viewport, draws, instances=self.scene_data.instances, face=self.face_table, views=table, view_index=index)

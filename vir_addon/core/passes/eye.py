@@ -6,6 +6,7 @@ import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table, Varying
 from ...device.interface import Device, TextureFormat
+from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera, SceneSnapshot
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
 
@@ -64,7 +65,7 @@ def clip_from_view(camera: Camera, near_m: float, far_m: float) -> np.ndarray:
 class EyePass:
     """Renders G-buffers of the snapshot's camera; `positions` and `normals` hold the latest."""
 
-    def __init__(self, snapshot: SceneSnapshot, scene_data: SceneData, device: Device) -> None:
+    def __init__(self, snapshot: SceneSnapshot, scene_data: SceneData, device: Device, bounds: SceneBounds) -> None:
         self.camera, self.size = snapshot.camera, (snapshot.width_px, snapshot.height_px)
         self.scene_data, self.device = scene_data, device
         width, height = self.size
@@ -75,7 +76,10 @@ class EyePass:
         self.normals = device.create_texture(width, height, TextureFormat.RGBA32F)
         self.rasterize = device.raster_kernel(VISIBILITY)
         self.surface = device.compute_kernel(SURFACE)
-        self.draws = scene_data.draws(np.flatnonzero(snapshot.instances.visible_to_camera))
+        # an orthographic camera sees from infinitely far away, as far as culling can tell: everything is drawn
+        eye_ws = snapshot.camera.world_from_view[None, :3, 3]
+        culled = None if snapshot.camera.is_orthographic else cullable_instances(snapshot, bounds, eye_ws)
+        self.draws = scene_data.draws(np.flatnonzero(snapshot.instances.visible_to_camera), culled)
 
     def render(self, offset_px: np.ndarray) -> None:
         """offset_px: (2,) sub-pixel offset of the sample from the pixel's centre"""

@@ -129,8 +129,11 @@ class SceneData:
         order = np.asarray(instance_indices)[np.lexsort((instance_indices, instances.mesh_index[instance_indices]))]
         cull = np.zeros(len(order), bool) if culled is None else culled[order] & (self.orientation[order] > 0)
         mesh = instances.mesh_index[order]
-        starts = np.flatnonzero(np.r_[True, (np.diff(order) != 1) | (np.diff(mesh) != 0) | (np.diff(cull.astype(int)) != 0)]) if len(order) else []
-        ends = [*list(starts[1:]), len(order)] if len(order) else []
+        if not len(order):
+            return []
+        breaks = (np.diff(order) != 1) | (np.diff(mesh) != 0) | (cull[1:] != cull[:-1])
+        starts = np.flatnonzero(np.r_[True, breaks])
+        ends = np.r_[starts[1:], len(order)]
         return [
             Draw(self.drawable(int(mesh[start])), int(end - start), {"first_instance": int(order[start])}, bool(cull[start]))
             for start, end in zip(starts, ends, strict=True)

@@ -13,15 +13,17 @@ import numpy as np
 from ...device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table
 from ...device.interface import Device, RenderTarget, Texture, TextureFormat
 from ..scene import Light
-from ..views import FaceViews
+from ..views import FaceViews, light_axes
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, WORK_GROUP_SIZE
 
 MAX_BATCH_VIEWS = 8
 """Maps that exist at the same time. More would leave the caches: 64 at once took up to 4 times longer a look-up."""
 MAX_HULL_CORNERS = 8
 
-FACE_TABLE = Table(8, "face space, texel size, map size, near and far depth, limits, light's axis and spread, texels per tangent")
-VIEWS_TABLE = Table(2 * MAX_BATCH_VIEWS, "two rows a view: centre (face space) and first row of its map; the window's place on the lattice")
+FACE_TABLE = Table(
+    11, "rows of face_from_world, texel size and map size, depths, light's axis and spread, inverse sizes, unused, light_from_world"
+)
+VIEWS_TABLE = Table(2 * MAX_BATCH_VIEWS, "two rows a view: centre (face space), first row of its map; place on the lattice, light sample")
 VIEW_COUNT = Constant("int", "views in this batch")
 DEPTH_MAPS_ATOMIC = Stored("R32UI", "atomic", "depth maps of the batch")
 
@@ -54,6 +56,9 @@ SPLAT_POINTS = ComputeDeclaration(
 SAMPLING_TABLES = {
     "face": FACE_TABLE,
     "hull": Table(MAX_HULL_CORNERS, "corners of the convex hull of all view centres (face space)"),
+    "hull_box": Table(
+        2, "centre and half size of the hull (face space); w of the first: depth over distance at the windows' farthest corner"
+    ),
     "seen_space": Table(6, "planes around everything that any view sees: dot(xyz, p) >= w inside"),
 }
 SAMPLING_CONSTANTS = {
@@ -133,27 +138,31 @@ RESOLVE = ComputeDeclaration(
         "height": Constant("int", "of the picture, pixels"),
         "view_count": VIEW_COUNT,
         "first_face": Constant("int", "1 for the first face of a batch"),
+        "map_face": Constant("int", "number of the face that the maps are of; with MANY_FACES"),
+        "face_mask": Constant("int", "faces that this dispatch looks up: that of the maps and, in the first, all without casters"),
         "last_face": Constant("int", "1 for the last face of a batch"),
     },
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
-    flags={"RECEIVER_LINKING": "leave out instances that the light does not illuminate", "MANY_FACES": "several faces share the directions"},
+    flags={
+        "RECEIVER_LINKING": "leave out instances that the light does not illuminate",
+        "MANY_FACES": "several faces share the directions",
+    },
     defines={"BIAS_FOOTPRINTS": 0.3, "BIAS_SLOPE_FOOTPRINTS": 0.25, "BIAS_MAX_SLOPE": 8.0},
 )
 
 
-def face_table(views: FaceViews, light_position_ws: np.ndarray, light_axis_ws: np.ndarray, spread_rad: float) -> np.ndarray:
-    """(8, 4) float64 rows of FACE_TABLE. Composed in float64: the light may stand far from what it lights."""
-    rotation = views.face.face_from_world
-    table = np.zeros((8, 4))
-    table[:3, :3] = rotation
-    table[:3, 3] = -rotation @ light_position_ws
+def face_table(views: FaceViews, light: Light) -> np.ndarray:
+    """(11, 4) float64 rows of FACE_TABLE. Composed in float64: the light may stand far from what it lights."""
+    position = light.world_from_light[:3, 3]
+    table = np.zeros((FACE_TABLE.length, 4))
+    for row, rotation in ((0, views.face.face_from_world), (8, light_axes(light))):
+        table[row : row + 3, :3] = rotation
+        table[row : row + 3, 3] = -rotation @ position
     table[3] = *views.texel_tangent, views.map_width_px, views.map_height_px
-    table[4, :3] = views.near_m, views.far_m, views.far_m**2
-    table[5] = views.face.limits
-    table[6, :3] = rotation @ light_axis_ws
-    table[7, :2] = 1 / np.array(views.texel_tangent)
-    table[7, 2] = max(views.texel_tangent)
-    table[6, 3] = 0.0 if spread_rad >= math.pi - 1e-4 else math.tan(spread_rad / 2)
+    table[4] = views.near_m, views.far_m, views.far_m**2, np.linalg.norm(np.ptp(views.centers_fs, axis=0))
+    table[5, :3] = views.face.face_from_world @ light_axes(light)[2]
+    table[5, 3] = 0.0 if light.spread_rad >= math.pi - 1e-4 else math.tan(light.spread_rad / 2)
+    table[6, :3] = 1 / views.texel_tangent[0], 1 / views.texel_tangent[1], max(views.texel_tangent)
     return table
 
 
@@ -163,6 +172,7 @@ def views_table(views: FaceViews, selected: range) -> np.ndarray:
     table[0::2, :3] = views.centers_fs[selected.start : selected.stop]
     table[0::2, 3] = np.arange(len(selected)) * views.map_height_px
     table[1::2, :2] = views.window_texels[selected.start : selected.stop]
+    table[1::2, 2:] = views.samples_m[selected.start : selected.stop]
     return table
 
 

@@ -1,0 +1,44 @@
+"""python -m vir_addon plan | render | doctor"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from .core.errors import VirError
+
+STOPPED_STATUS = 130
+"""what a shell reports of a program that Ctrl-C ended"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command. Returns the exit status; argparse itself exits with 2 on wrong usage."""
+    try:
+        from rich.console import Console
+    except ImportError as error:
+        print(f"vir: the command line needs the package rich ({error}); run: python -m pip install rich", file=sys.stderr)
+        return 4
+    from .cli.arguments import make_parser
+
+    arguments = make_parser().parse_args(argv)
+    console, errors = Console(), Console(stderr=True)
+    try:
+        if arguments.command == "doctor":
+            from .cli.doctor import run_doctor
+
+            run_doctor(console)
+        else:
+            from .cli.commands import run_plan, run_render
+
+            (run_plan if arguments.command == "plan" else run_render)(arguments, console)
+    except VirError as error:
+        errors.print(f"vir: {error}", style="red", highlight=False, markup=False, soft_wrap=True)
+        return error.exit_status
+    except KeyboardInterrupt:
+        errors.print("vir: stopped; files that were written are whole", highlight=False)
+        return STOPPED_STATUS
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,62 @@
+"""The one room that every front end goes through: snapshot -> plan -> render -> hand over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import bpy
+
+from ..core.pass_set import PassSet
+from ..core.plan import RenderPlan, plan
+from ..core.render import Progress, render
+from ..core.scene import SceneSnapshot
+from ..core.settings import Settings
+from ..device.interface import Device
+from .extract import snapshot
+from .render_depsgraph import with_render_depsgraph
+
+
+@dataclass(frozen=True)
+class LayerJob:
+    """What will be rendered of one view layer in one frame."""
+
+    snapshot: SceneSnapshot
+    plan: RenderPlan
+
+
+def rendered_view_layers(scene: bpy.types.Scene) -> list[bpy.types.ViewLayer]:
+    """The layers that Blender would render: those in use, or the first when none is."""
+    return [layer for layer in scene.view_layers if layer.use] or [scene.view_layers[0]]
+
+
+def take_snapshot(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, resolution: tuple[int, int] | None = None) -> SceneSnapshot:
+    """The scene at its current frame as a render would see it."""
+    return with_render_depsgraph(scene, view_layer, lambda depsgraph: snapshot(depsgraph, resolution=resolution))
+
+
+def frame_jobs(scene: bpy.types.Scene, frame: int, settings: Settings, resolution: tuple[int, int] | None = None) -> dict[str, LayerJob]:
+    """View layer name -> job, for one frame."""
+    scene.frame_set(frame)
+    jobs = {}
+    for layer in rendered_view_layers(scene):
+        taken = take_snapshot(scene, layer, resolution)
+        jobs[layer.name] = LayerJob(taken, plan(taken, settings))
+    return jobs
+
+
+def run(job: LayerJob, device: Device, on_progress: Callable[[Progress], None] | None = None) -> PassSet:
+    """Render to the end. KeyboardInterrupt and errors leave nothing behind on the device."""
+    steps = render(job.snapshot, job.plan, device)
+    passes = None
+    try:
+        for progress in steps:
+            if on_progress is not None:
+                on_progress(progress)
+            if progress.batches_done == progress.batches_total:
+                passes = progress.pass_set
+    finally:
+        steps.close()
+    if passes is None:
+        raise RuntimeError("the render ended before its last batch")
+    return passes

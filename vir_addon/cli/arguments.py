@@ -1,0 +1,124 @@
+"""The command line's grammar."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from .. import __version__
+from ..core.settings import Method, PointStorage, Settings
+
+EXIT_STATUS_TEXT = "exit status: 0 done, 2 wrong usage, 3 the scene cannot be rendered, 4 no usable device, 130 stopped with Ctrl-C"
+
+
+def parse_frames(text: str) -> list[int]:
+    """'1-24', '1-24:2' (every second), '3,7,10-12' -> frame numbers in order, each once."""
+    frames: list[int] = []
+    for part in text.split(","):
+        span, _, step = part.partition(":")
+        # a minus at the start belongs to the number: '-5-10' is -5 to 10
+        cut = span.find("-", 1)
+        try:
+            first = int(span if cut < 0 else span[:cut])
+            last = first if cut < 0 else int(span[cut + 1 :])
+            stride = int(step) if step else 1
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{part!r} is not a frame or a range such as 1-24 or 1-24:2") from None
+        if last < first or stride < 1:
+            raise argparse.ArgumentTypeError(f"{part!r} has no frames")
+        frames += [frame for frame in range(first, last + 1, stride) if frame not in frames]
+    return frames
+
+
+def parse_resolution(text: str) -> tuple[int, int]:
+    width, cross, height = text.lower().partition("x")
+    if not (cross and width.isdigit() and height.isdigit() and 0 < int(width) <= 16384 and 0 < int(height) <= 16384):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a resolution such as 960x540 (up to 16384x16384)")
+    return int(width), int(height)
+
+
+def parse_names(text: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    if not names:
+        raise argparse.ArgumentTypeError("names no light")
+    return names
+
+
+def make_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m vir_addon", description="Soft-shadow passes, one per light, from a .blend.", epilog=EXIT_STATUS_TEXT
+    )
+    parser.add_argument("--version", action="version", version=f"VIR {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="command")
+
+    render = commands.add_parser("render", help="render passes into one multilayer EXR a frame", epilog=EXIT_STATUS_TEXT)
+    _add_scene_arguments(render)
+    render.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="where the files go; made if it is not there")
+    render.add_argument(
+        "--device",
+        choices=("moderngl", "gpu"),
+        default="moderngl",
+        help="what renders: OpenGL by moderngl (default) or Blender's gpu module",
+    )
+    render.add_argument("--stats", type=Path, metavar="FILE", help="write counts, times and error estimates as JSON")
+    render.add_argument("--preview", action="store_true", help="PNGs of all passes and a contact sheet beside the EXR")
+
+    plan = commands.add_parser("plan", help="what would run and why, without running it", epilog=EXIT_STATUS_TEXT)
+    _add_scene_arguments(plan)
+
+    commands.add_parser(
+        "doctor", help="versions, devices, limits, and what is missing with the command that installs it", epilog=EXIT_STATUS_TEXT
+    )
+    return parser
+
+
+def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+    defaults = Settings()
+    parser.add_argument("scene", type=Path, metavar="SCENE.blend")
+    parser.add_argument("--scene-name", metavar="NAME", help="which scene of the file; default: the one that was open when it was saved")
+    parser.add_argument(
+        "--frames", type=parse_frames, metavar="1-24", help="frames, e.g. 1-24, 1-24:2 or 3,7; default: the file's current frame"
+    )
+    parser.add_argument("--lights", type=parse_names, metavar="Key,Fill", help="only these lights; default: all")
+    parser.add_argument(
+        "--method",
+        type=Method,
+        choices=list(Method),
+        default=defaults.method,
+        metavar="auto|mvr|ivir",
+        help="how depth maps are made; auto (default) picks the cheaper",
+    )
+    parser.add_argument(
+        "--points",
+        type=PointStorage,
+        choices=list(PointStorage),
+        default=defaults.points,
+        metavar="buffered|bufferless",
+        help="whether ivir keeps its points between batches (default) or makes them anew",
+    )
+    parser.add_argument(
+        "--views",
+        type=int,
+        default=defaults.view_count,
+        metavar="N",
+        help=f"light samples of each light with a size; default {defaults.view_count}",
+    )
+    parser.add_argument(
+        "--map-resolution",
+        type=int,
+        default=defaults.map_resolution_px,
+        metavar="PX",
+        help=f"width and height of depth maps; default {defaults.map_resolution_px}",
+    )
+    parser.add_argument("--resolution", type=parse_resolution, metavar="960x540", help="of the picture; default: the scene's")
+
+
+def settings_of(arguments: argparse.Namespace) -> Settings:
+    """Raises UsageError for values out of range."""
+    return Settings(
+        method=arguments.method,
+        points=arguments.points,
+        view_count=arguments.views,
+        map_resolution_px=arguments.map_resolution,
+        light_names=arguments.lights,
+    )

@@ -1,0 +1,105 @@
+"""What the terminal shows and what --stats writes: the same figures."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from ..core.files import whole_file
+from ..core.pass_set import STAGES, PassSet, SetStatistics
+from ..core.plan import RenderPlan
+from ..core.scene import SceneSnapshot
+
+
+def milliseconds(value: float) -> str:
+    return f"{value / 1000:.2f} s" if value >= 10_000 else f"{value:.0f} ms"
+
+
+def error_text(value: float) -> str:
+    return f"{value:.4f}" if math.isfinite(value) else "?"
+
+
+def print_plan(console: Console, snapshot: SceneSnapshot, plan: RenderPlan) -> None:
+    console.print(
+        f"[bold]{snapshot.scene_name}[/], {snapshot.view_layer_name}, frame {snapshot.frame}, {snapshot.width_px} x {snapshot.height_px}: "
+        f"{len(snapshot.instances)} instances of {len(snapshot.meshes)} meshes, "
+        f"{snapshot.unique_triangle_count:,} triangles ({snapshot.instanced_triangle_count:,} with instances)",
+        highlight=False,
+    )
+    table = Table("light", "runs", "method", "views", "maps", "predicted", "why")
+    for planned in plan.passes:
+        how = f"{planned.method.value} {planned.points.value if planned.points else ''}".strip()
+        if planned.runs:
+            table.add_row(
+                planned.light_name,
+                "yes",
+                how,
+                str(planned.view_count),
+                f"{planned.map_resolution_px} px",
+                milliseconds(planned.predicted_ms),
+                planned.reason,
+            )
+        else:
+            table.add_row(planned.light_name, "no", "", "", "", "", planned.reason)
+    console.print(table)
+    predicted = f"about {milliseconds(plan.predicted_ms)} on a software rasterizer; far less on a GPU"
+    console.print(f"{plan.batch_count} batches, {plan.eye_sample_count} eye samples, {predicted}", highlight=False)
+    print_notes(console, list(plan.notes), [f"{item.object_name}: {item.reason}" for item in snapshot.left_out])
+
+
+def print_notes(console: Console, notes: list[str], left_out: list[str]) -> None:
+    for note in notes:
+        console.print(f"note: {note}", highlight=False, markup=False)
+    for text in left_out:
+        console.print(f"left out: {text}", highlight=False, markup=False)
+
+
+def print_statistics(console: Console, statistics: SetStatistics) -> None:
+    table = Table("pass", "method", "views", "faces", "maps", "points", "points ms", "maps ms", "resolve ms", "error")
+    for made in statistics.passes:
+        times = [f"{made.stage_ms.get(stage, 0.0):.0f}" for stage in ("points", "splat or raster", "resolve")]
+        if made.view_count:
+            table.add_row(
+                made.pass_name, made.method, str(made.view_count), str(made.face_count), f"{made.map_resolution_px} px",
+                f"{made.point_count:,}", *times, error_text(made.error_estimate),
+            )  # fmt: skip
+        else:
+            table.add_row(made.pass_name, made.method, *[""] * 7, made.reason)
+    console.print(table)
+    totals = total_stage_ms(statistics)
+    console.print(", ".join(f"{stage} {milliseconds(totals[stage])}" for stage in STAGES if stage in totals), highlight=False)
+    print_notes(console, statistics.notes, statistics.left_out)
+
+
+def total_stage_ms(statistics: SetStatistics) -> dict[str, float]:
+    totals = dict(statistics.stage_ms)
+    for made in statistics.passes:
+        for stage, spent in made.stage_ms.items():
+            totals[stage] = totals.get(stage, 0.0) + spent
+    return totals
+
+
+def statistics_record(frame: int, output: Path, layers: Mapping[str, PassSet]) -> dict[str, Any]:
+    """One frame as plain data. Infinite error estimates (a single batch) become null: JSON has no infinity."""
+    record: dict[str, Any] = {"frame": frame, "file": str(output), "view_layers": {}}
+    for name, passes in layers.items():
+        plain = dataclasses.asdict(passes.statistics)
+        for made in plain["passes"]:
+            made["stage_ms"] = {stage: made["stage_ms"].get(stage, 0.0) for stage in STAGES if stage in made["stage_ms"]}
+            if not math.isfinite(made["error_estimate"]):
+                made["error_estimate"] = None
+        plain["total_stage_ms"] = total_stage_ms(passes.statistics)
+        record["view_layers"][name] = plain
+    return record
+
+
+def write_statistics(target: Path, scene: Path, records: list[dict[str, Any]]) -> None:
+    with whole_file(target) as temporary:
+        temporary.write_text(json.dumps({"scene": str(scene), "frames": records}, indent=2, allow_nan=False) + "\n", encoding="utf-8")

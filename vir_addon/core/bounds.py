@@ -1,0 +1,49 @@
+"""Boxes around meshes and instances, computed once a frame for planning, fitting and culling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .scene import SceneSnapshot
+
+FLAT_TOLERANCE = 1e-5
+"""thickness over extent below which a mesh counts as flat"""
+
+
+@dataclass(frozen=True)
+class SceneBounds:
+    mesh_bounds_os: np.ndarray
+    """(mesh_count, 2, 3) float64 smallest and largest corners"""
+    flat_axis: np.ndarray
+    """(mesh_count,) int64 axis along which the mesh has no thickness, -1 for others"""
+    corners_ws: np.ndarray
+    """(instance_count, 8, 3) float64 corners of the instances' boxes"""
+
+
+def compute_bounds(snapshot: SceneSnapshot) -> SceneBounds:
+    mesh_bounds_os = np.array([mesh.compute_bounds_os() for mesh in snapshot.meshes], np.float64).reshape(-1, 2, 3)
+    extent = mesh_bounds_os[:, 1] - mesh_bounds_os[:, 0]
+    flat = extent.min(axis=1, initial=np.inf) <= FLAT_TOLERANCE * extent.max(axis=1, initial=0)
+    flat_axis = np.where(flat, extent.argmin(axis=1), -1) if len(extent) else np.zeros(0, np.int64)
+    pick = np.array([[(i >> axis) & 1 for axis in range(3)] for i in range(8)])
+    corners_os = mesh_bounds_os[:, pick, np.arange(3)][snapshot.instances.mesh_index]
+    matrix = snapshot.instances.world_from_object.astype(np.float64)
+    corners_ws = np.einsum("nij,nkj->nki", matrix[:, :3, :3], corners_os) + matrix[:, None, :3, 3]
+    return SceneBounds(mesh_bounds_os, flat_axis, corners_ws)
+
+
+def cullable_instances(snapshot: SceneSnapshot, bounds: SceneBounds, eyes_ws: np.ndarray) -> np.ndarray:
+    """(instance_count,) bool: instances whose back faces need not be drawn from any of the eyes, (n, 3) world space.
+
+    Seen from outside, a ray through a closed surface crosses as many front as back faces, so front faces alone block it
+    as well. An eye inside (a lamp in its shade, a box around the light) sees only back faces: such instances keep both.
+    """
+    closed = np.array([mesh.is_closed for mesh in snapshot.meshes], bool)[snapshot.instances.mesh_index]
+    box = bounds.mesh_bounds_os[snapshot.instances.mesh_index]
+    object_from_world = np.linalg.inv(snapshot.instances.world_from_object.astype(np.float64))
+    eyes_os = np.einsum("nij,kj->nki", object_from_world[:, :3, :3], eyes_ws) + object_from_world[:, None, :3, 3]
+    # all eyes beyond one side of the box: their hull does not meet it
+    beyond = (eyes_os > box[:, None, 1]).all(axis=1) | (eyes_os < box[:, None, 0]).all(axis=1)
+    return closed & beyond.any(axis=1)
