@@ -38,23 +38,38 @@ float visible_from(int k, vec3 p, vec3 normal_fs, float tolerance) {
     if (facing >= 0.0) {
         return 0.0;  // the surface itself is in the way
     }
-    float inverse_depth = 1.0 / p.z;
-    vec2 at = p.xy * (texels_per_tangent * inverse_depth) - view_window(k);
+    vec2 at = p.xy * (texels_per_tangent / p.z) - view_window(k);
+#ifdef POINT_MAPS
+    // A texel is covered if a point lies anywhere in it, which enlarges outlines by half a texel all around. Taking the deepest
+    // of the four texels around the look-up, as if it stood at their common corner, shrinks them by as much.
+    ivec2 texel = ivec2(floor(at - 0.5));
+    vec2 place = vec2(texel) + 1.0;
+    const int last = 1;
+#else
     ivec2 texel = ivec2(floor(at));
+    vec2 place = vec2(texel) + 0.5;
+    const int last = 0;
+#endif
     // outside every caster's outline, or so near that the light touches it
-    if (p.z <= near_m || any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel, map_size))) {
+    if (p.z <= near_m || any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel + last, map_size))) {
         return 1.0;
     }
     float footprint = p.z * footprint_share;
-    vec3 ray = vec3((vec2(texel) + 0.5 + view_window(k)) * texel_tangent, 1.0);
+    vec3 ray = vec3((place + view_window(k)) * texel_tangent, 1.0);
     float ray_facing = dot(normal_fs, ray);
-    // a plane that turns away before the texel's centre has no depth there; the clamp then decides
+    // a plane that turns away before that place has no depth there; the clamp then decides
     float plane_depth = ray_facing < 0.0 ? facing / ray_facing : 3.0e38;
     float reach = MAX_PLANE_SHIFT_FOOTPRINTS * footprint;
     float receiver_depth = clamp(plane_depth, p.z - reach, p.z + reach);
-    float stored = uintBitsToFloat(texelFetch(depth_maps, texel + ivec2(0, view_first_row(k)), 0).x);
+    ivec2 address = texel + ivec2(0, view_first_row(k));
+    uint bits = texelFetch(depth_maps, address, 0).x;
+#ifdef POINT_MAPS
+    bits = max(bits, texelFetch(depth_maps, address + ivec2(1, 0), 0).x);
+    bits = max(bits, texelFetch(depth_maps, address + ivec2(0, 1), 0).x);
+    bits = max(bits, texelFetch(depth_maps, address + ivec2(1, 1), 0).x);
+#endif
     // 4e-7: the rounding of depth itself
-    return stored >= receiver_depth - footprint * tolerance - 4.0e-7 * p.z ? 1.0 : 0.0;
+    return uintBitsToFloat(bits) >= receiver_depth - footprint * tolerance - 4.0e-7 * p.z ? 1.0 : 0.0;
 }
 
 // Which face of the light's half cube a direction belongs to (light space: x, y in the light's plane, z along its axis).

@@ -2,11 +2,13 @@
 #include "lib/face.glsl"
 
 // A point lies anywhere in its texel, the stored depth belongs to the texel's centre: the triangle's plane is followed
-// to there, as a rasterizer would. At most by this many footprints, because beyond the triangle's edge the plane is a guess.
-const float MAX_PLANE_SHIFT_FOOTPRINTS = 1.0;
+// to there, as a rasterizer would, within limits because beyond the triangle's edge the plane is a guess. Away from the light it
+// may lead far: a steep surface's nearest point would otherwise stand for its whole texel and shadow the surface itself.
+const float MAX_SHIFT_NEARER_FOOTPRINTS = 0.5;
+const float MAX_SHIFT_DEEPER_FOOTPRINTS = 16.0;
 
 void splat(vec3 p_fs, vec3 normal_fs) {
-    float reach_share = MAX_PLANE_SHIFT_FOOTPRINTS * footprint_share;
+    float reach_share = footprint_share;
     for (int k = 0; k < view_count; k++) {
         vec3 p = p_fs - view_center(k);
         if (p.z <= near_m) {
@@ -29,7 +31,7 @@ void splat(vec3 p_fs, vec3 normal_fs) {
                 float facing = dot(normal_fs, ray);
                 // edge-on triangles have no depth at the centre: the division is kept finite and the clamp decides
                 float plane_depth = plane_offset / (abs(facing) > 1e-6 ? facing : 1e-6);
-                uint bits = floatBitsToUint(max(clamp(plane_depth, p.z - reach, p.z + reach), near_m));
+                uint bits = floatBitsToUint(max(clamp(plane_depth, p.z - MAX_SHIFT_NEARER_FOOTPRINTS * reach, p.z + MAX_SHIFT_DEEPER_FOOTPRINTS * reach), near_m));
                 ivec2 address = ivec2(x, y + view_first_row(k));
                 // most points are hidden or repeat a texel: looking first is cheaper than an atomic
                 if (imageLoad(depth_maps, address).x > bits) {

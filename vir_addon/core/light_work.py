@@ -19,6 +19,7 @@ from .passes.shadow_maps import RESOLVE, DepthMaps, face_table, views_table
 from .plan import PlannedPass, RenderPlan
 from .sampling import area_light_samples
 from .scene import Light, SceneSnapshot
+from .settings import Method
 from .stopwatch import Stopwatch
 
 
@@ -53,6 +54,8 @@ class LightWork:
         self.samples_m = area_light_samples(self.light, planned.view_count)
         self.accumulator = PassAccumulator(self.device, snapshot.width_px, snapshot.height_px)
         self.resolve_flags: list[str] = []
+        if planned.method is not Method.MVR:
+            self.resolve_flags.append("POINT_MAPS")
         self.receivers = store.no_receivers
         if self.light.receivers is not None:
             rows = np.zeros((len(self.light.receivers), 4), np.float32)

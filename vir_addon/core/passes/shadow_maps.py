@@ -146,8 +146,9 @@ RESOLVE = ComputeDeclaration(
     flags={
         "RECEIVER_LINKING": "leave out instances that the light does not illuminate",
         "MANY_FACES": "several faces share the directions",
+        "POINT_MAPS": "the maps were splatted: undo the half texel by which that enlarges outlines",
     },
-    defines={"BIAS_FOOTPRINTS": 0.3, "BIAS_SLOPE_FOOTPRINTS": 0.25, "BIAS_MAX_SLOPE": 8.0},
+    defines={"BIAS_FOOTPRINTS": 0.5, "BIAS_SLOPE_FOOTPRINTS": 0.5, "BIAS_MAX_SLOPE": 16.0},
 )
 
 
