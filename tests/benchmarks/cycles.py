@@ -1,0 +1,79 @@
+"""Cycles on the same scene, set so that it computes what a pass means: direct light on white diffuse surfaces, no bounces."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+
+import bpy
+import numpy as np
+import OpenEXR
+
+DELIVERED_FLOOR = 0.01
+"""Pixels that receive less than this share of what the brightest twentieth receives are not judged: their ratio is mostly noise."""
+
+
+def prepare(scene: bpy.types.Scene, resolution: tuple[int, int]) -> None:
+    """White diffuse everywhere, no world, no bounces, no denoising, no adaptive sampling; the scene's own pixel filter."""
+    white = bpy.data.materials.new("white")
+    white.use_nodes = True
+    nodes = white.node_tree.nodes
+    nodes.clear()
+    diffuse, output = nodes.new("ShaderNodeBsdfDiffuse"), nodes.new("ShaderNodeOutputMaterial")
+    diffuse.inputs["Color"].default_value = (1, 1, 1, 1)
+    white.node_tree.links.new(diffuse.outputs[0], output.inputs[0])
+    for layer in scene.view_layers:
+        layer.material_override = white
+    scene.world = None
+    render, cycles = scene.render, scene.cycles
+    render.engine, cycles.device = "CYCLES", "CPU"
+    render.resolution_x, render.resolution_y = resolution
+    render.resolution_percentage = 100
+    render.film_transparent = True
+    render.image_settings.file_format, render.image_settings.color_depth, render.image_settings.color_mode = "OPEN_EXR", "32", "RGB"
+    cycles.use_adaptive_sampling = cycles.use_denoising = cycles.use_light_tree = False
+    cycles.max_bounces = 0
+    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
+
+
+def render(scene: bpy.types.Scene, samples: int, seed: int = 0, *, has_shadows: bool = True) -> tuple[np.ndarray, float]:
+    """(height, width) float32 irradiance, row 0 at the bottom, and the seconds that the whole render took, its file included."""
+    scene.cycles.samples, scene.cycles.seed = samples, seed
+    for shown in scene.objects:
+        shown.visible_shadow = has_shadows
+    with tempfile.TemporaryDirectory() as folder:
+        scene.render.filepath = str(Path(folder) / "image")
+        start_s = time.perf_counter()
+        bpy.ops.render.render(write_still=True)
+        taken_s = time.perf_counter() - start_s
+        with OpenEXR.File(str(next(Path(folder).glob("image*.exr")))) as file:
+            pixels = next(iter(file.channels().values())).pixels
+    for shown in scene.objects:
+        shown.visible_shadow = True
+    red = pixels[..., 0] if pixels.ndim == 3 else pixels
+    return red[::-1].astype(np.float32), taken_s
+
+
+class CyclesReference:
+    """Shadowed over unshadowed irradiance of the scene's one light, and where it can be judged."""
+
+    def __init__(self, scene: bpy.types.Scene, samples: int) -> None:
+        self.unshadowed, _ = render(scene, max(64, samples // 4), seed=1, has_shadows=False)
+        lit = self.unshadowed[self.unshadowed > 0]
+        self.judged = self.unshadowed > DELIVERED_FLOOR * np.percentile(lit, 95)
+        shadowed, self.taken_s = render(scene, samples, seed=2)
+        self.ratio = self.ratio_of(shadowed)
+        self.penumbra = self.judged & (self.ratio > 0.02) & (self.ratio < 0.98)
+
+    def ratio_of(self, shadowed: np.ndarray) -> np.ndarray:
+        return np.where(self.judged, np.clip(shadowed / np.maximum(self.unshadowed, 1e-12), 0, 1), 1)
+
+    def errors(self, image: np.ndarray) -> dict[str, float]:
+        """RMSE over the judged pixels and over those in a penumbra."""
+        error = image.astype(np.float64) - self.ratio
+        return {"rmse": _rms(error[self.judged]), "rmse_penumbra": _rms(error[self.penumbra])}
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean())) if values.size else 0.0

@@ -1,0 +1,176 @@
+"""Depth maps alone: rasterizing the surface for every view against making points once and replaying them."""
+
+from __future__ import annotations
+
+import itertools
+import statistics
+from dataclasses import dataclass
+
+import numpy as np
+
+from vir_addon.core.bounds import compute_bounds, cullable_instances
+from vir_addon.core.fit import FittedFace, fit_light, light_hull, select_receivers
+from vir_addon.core.methods import depth_map_method
+from vir_addon.core.methods.base import DepthMapMethod
+from vir_addon.core.passes.eye import EyePass
+from vir_addon.core.passes.scene_data import SceneData
+from vir_addon.core.passes.shadow_maps import MAX_BATCH_VIEWS, DepthMaps, face_table
+from vir_addon.core.plan import PlannedPass
+from vir_addon.core.sampling import area_light_samples
+from vir_addon.core.scene import SceneSnapshot
+from vir_addon.core.settings import Method, PointStorage, Settings
+from vir_addon.device.interface import EMPTY_DEPTH_BITS, Device
+from vir_addon.device.open import open_device
+
+from .bumpy_sphere import sphere_snapshot
+from .options import Options
+from .tables import BenchTable, Column
+from .timing import device_ms, median_ratio, round_ratios, take_turns
+
+BASELINE = "mvr"
+
+COLUMNS = (
+    Column("variant", "method"),
+    Column("points", "points", "{:,}"),
+    Column("culled", "culled", "{:,}"),
+    Column("missed_share", "texels missed", "{:.3%}"),
+    Column("points_ms", "points, ms", "{:.0f}"),
+    Column("view_ms", "a view, ms", "{:.1f}"),
+    Column("total_ms", "all, ms", "{:.0f}"),
+    Column("speedup", "mvr / this", "{:.2f}"),
+)
+
+
+@dataclass(frozen=True)
+class Variant:
+    name: str
+    planned: PlannedPass
+    settings: Settings
+
+
+@dataclass(frozen=True)
+class Timing:
+    points_ms: float
+    maps_ms: float
+
+    @property
+    def total_ms(self) -> float:
+        return self.points_ms + self.maps_ms
+
+
+def variants(view_count: int, resolution_px: int) -> list[Variant]:
+    def variant(name: str, method: Method, points: PointStorage | None = None, **choices: bool) -> Variant:
+        planned = PlannedPass("", "", True, "", method, points, view_count, resolution_px)
+        return Variant(name, planned, Settings(view_count=view_count, map_resolution_px=resolution_px, **choices))
+
+    found = [variant(BASELINE, Method.MVR)]
+    for points, is_watertight, is_culled in itertools.product(PointStorage, (True, False), (True, False)):
+        density, culling = "watertight" if is_watertight else "published", "culling" if is_culled else "no culling"
+        name = f"ivir {points.value}, {density}, {culling}"
+        found.append(variant(name, Method.IVIR, points, watertight=is_watertight, stochastic_culling=is_culled))
+    return found
+
+
+class Bench:
+    """A surface on the device with its views fitted as a render fits them."""
+
+    def __init__(self, snapshot: SceneSnapshot, device: Device, view_count: int, resolution_px: int) -> None:
+        self.device, self.light = device, snapshot.lights[0]
+        bounds = compute_bounds(snapshot)
+        self.scene_data = SceneData(snapshot, device)
+        eye = EyePass(snapshot, self.scene_data, device, bounds)
+        device.run(eye.render, np.zeros(2))
+        receivers_ws = select_receivers(device.read(eye.positions), device.read(eye.normals), self.light)
+        eye.release()
+        self.samples_m = area_light_samples(self.light, view_count)
+        self.culled = cullable_instances(snapshot, bounds, light_hull(self.light, self.samples_m))
+        faces, _ = fit_light(snapshot, self.light, self.samples_m, bounds, receivers_ws, resolution_px)
+        self.fitted: FittedFace = faces[0]
+        self.maps = DepthMaps(device, resolution_px, resolution_px, min(MAX_BATCH_VIEWS, view_count))
+
+    def method(self, variant: Variant) -> DepthMapMethod:
+        table = face_table(self.fitted.views, self.light)
+        return depth_map_method(
+            variant.planned, self.scene_data, self.fitted, table, self.culled, self.light, self.samples_m, variant.settings
+        )
+
+    def batches(self) -> list[range]:
+        views = self.fitted.views.view_count
+        return [range(start, min(start + self.maps.view_count, views)) for start in range(0, views, self.maps.view_count)]
+
+    def time(self, variant: Variant) -> Timing:
+        method = self.method(variant)
+        points_ms = device_ms(self.device, method.prepare)
+        maps_ms = device_ms(self.device, lambda: self.device.run(self._fill_all, method))
+        method.release()
+        return Timing(points_ms, maps_ms)
+
+    def _fill_all(self, method: DepthMapMethod) -> None:
+        for batch in self.batches():
+            method.fill(self.maps, batch)
+
+    def inspect(self, variant: Variant) -> tuple[dict[str, int], np.ndarray]:
+        """Counts, and which texels of the first batch's maps are covered. Also compiles what `time` needs."""
+        method = self.method(variant)
+        method.prepare()
+        method.fill(self.maps, self.batches()[0])
+        covered = self.device.read(self.maps.texture) != EMPTY_DEPTH_BITS
+        counts = {"points": method.point_count, "culled": getattr(method, "culled_triangle_count", 0)}
+        method.release()
+        return counts, covered
+
+    def release(self) -> None:
+        self.maps.release()
+        self.scene_data.release()
+
+
+def measure(triangle_count: int, options: Options, device: Device) -> BenchTable:
+    view_count, resolution_px = options.pick(64, 16), options.pick(1024, 256)
+    snapshot = sphere_snapshot(triangle_count, *options.pick((960, 540), (240, 135)), has_floor=False)
+    bench = Bench(snapshot, device, view_count, resolution_px)
+    competitors = {variant.name: variant for variant in variants(view_count, resolution_px)}
+    inspected = {name: bench.inspect(variant) for name, variant in competitors.items()}
+    timings = take_turns({name: lambda v=variant: bench.time(v) for name, variant in competitors.items()}, options.rounds)
+    bench.release()
+
+    covered_by_baseline = inspected[BASELINE][1]
+    baseline_ms = [timing.total_ms for timing in timings[BASELINE]]
+    rows = []
+    for name in competitors:
+        counts, covered = inspected[name]
+        total_ms = [timing.total_ms for timing in timings[name]]
+        is_baseline = name == BASELINE
+        missed = (covered_by_baseline & ~covered).sum() / max(covered_by_baseline.sum(), 1)
+        rows.append(
+            {
+                "variant": name,
+                "points": None if is_baseline else counts["points"],
+                "culled": None if is_baseline else counts["culled"],
+                "missed_share": None if is_baseline else float(missed),
+                "points_ms": statistics.median(timing.points_ms for timing in timings[name]),
+                "view_ms": statistics.median(timing.maps_ms for timing in timings[name]) / view_count,
+                "total_ms": statistics.median(total_ms),
+                "total_ms_by_round": total_ms,
+                "speedup": median_ratio(baseline_ms, total_ms),
+                "speedup_by_round": round_ratios(baseline_ms, total_ms),
+            }
+        )
+    return BenchTable(
+        title=f"Depth maps of {view_count} views at {resolution_px}², {snapshot.meshes[0].name}",
+        compared=(
+            f"Medians of {options.rounds} rounds in which all methods take turns; 'mvr / this' is the median of the rounds' ratios. "
+            f"'texels missed': of the texels that mvr covers in the first {bench.maps.view_count} maps, outlines included. "
+            "'points': making them once; bufferless makes them for every batch of views, within the time of a view."
+        ),
+        columns=COLUMNS,
+        rows=rows,
+    )
+
+
+def run(options: Options) -> list[BenchTable]:
+    device = open_device(options.device_name)
+    try:
+        sizes = options.pick((2_000_000, 1_000_000), (50_000,))
+        return [measure(triangle_count, options, device) for triangle_count in sizes]
+    finally:
+        device.close()
