@@ -1,5 +1,6 @@
 // View-independent rasterization of triangles into points: a point for every cell of a lattice in the triangle's plane
-// that the triangle touches. FROM_TRIANGLES walks the scene and leaves what has many cells as tiles to FROM_TILES.
+// that the triangle touches. FROM_TRIANGLES walks the scene and leaves what has many cells as parts; FROM_PARTS cuts parts into
+// smaller ones, as often as it takes, and into tiles for FROM_TILES.
 // INTO_BUFFER appends points, INTO_MAPS splats them as they come.
 #include "lib/scene_data.glsl"
 #include "lib/linear_invocation.glsl"
@@ -9,14 +10,17 @@
 const int TILE_CELLS = 8;
 const int MAX_SMALL_CELLS = 32;          // what a mask of 32 bits holds
 const int MAX_PARTS = 4096;              // square parts of a sliver
-const int MAX_QUADTREE_LEVEL = 16;       // a part that touches the light asks for any number: 2^16 x 8 cells across is enough
-const int MAX_QUADTREE_STEPS = 1 << 24;  // never reached; a loop on a GPU must end whatever the numbers are
+// Levels that one invocation walks: 85 nodes. A whole floor takes tens of thousands, which would keep one processor of a GPU busy
+// for long, and software rasterizers end a shader's loops after 65536 steps.
+const int MAX_QUADTREE_LEVEL = 3;
+const int MAX_QUADTREE_STEPS = 128;  // never reached; a loop on a GPU must end whatever the numbers are
 const float CULLING_AREA_TEXELS = 0.1;
 
 #ifdef INTO_MAPS
 #include "lib/splat.glsl"
 #endif
 
+#ifndef FROM_PARTS
 struct Cells {
     vec2 first_center;
     vec2 size;
@@ -64,6 +68,8 @@ void emit_points(AlignedTriangle t, Cells cells) {
     }
 }
 
+#endif
+
 AlignedTriangle load_aligned(InstanceData instance, TriangleData triangle) {
     vec3 a = face_position(triangle.position_ws[0]);
     vec3 b = face_position(triangle.position_ws[1]);
@@ -72,7 +78,7 @@ AlignedTriangle load_aligned(InstanceData instance, TriangleData triangle) {
     return instance.orientation > 0.0 ? align_triangle(a, c, b) : align_triangle(a, b, c);
 }
 
-#ifdef FROM_TRIANGLES
+#ifndef FROM_TILES
 float spacing_for(vec2 density) {
 #ifdef WATERTIGHT
     return inversesqrt(density.y);
@@ -95,6 +101,16 @@ bool unseen(vec3 corners[4]) {
     return false;
 }
 
+void append_part(int instance, int triangle, vec2 low, vec2 size) {
+    uint index = imageAtomicAdd(counters, ivec2(3, 0), 1u);
+    if (index < uint(part_capacity)) {
+        imageStore(parts, linear_texel(2 * int(index)), vec4(float(instance), float(triangle), 0.0, 0.0));
+        imageStore(parts, linear_texel(2 * int(index) + 1), vec4(low, size));
+    }
+}
+#endif
+
+#ifdef FROM_PARTS
 // Whether any view sees a part of a rectangle of the triangle's plane; `corners` are its corners in face space.
 bool wanted(AlignedTriangle t, vec2 center, vec2 half_size, out vec3 corners[4]) {
     for (int k = 0; k < 4; k++) {
@@ -111,25 +127,40 @@ void append_tile(int instance, int triangle, vec2 low, vec2 size, vec2 cell_coun
     }
 }
 
-// Cuts a square part of a large triangle into tiles of at most TILE_CELLS^2 cells, each sampled at the density that it needs
-// itself: one density for all of a floor that reaches under the light would multiply its points. Walks a quadtree without
-// a stack: `node` counts nodes of its level in x and y.
-void append_tiles_of_part(AlignedTriangle t, int instance, int triangle, vec2 low, vec2 size) {
+// Cuts a part into tiles of at most TILE_CELLS^2 cells, each sampled at the density that it needs itself: one density for all of
+// a floor that reaches under the light would multiply its points. Walks a quadtree without a stack: `node` counts nodes of
+// its level in x and y. What is too large even at the last level becomes a part again.
+void main() {
+    int index = linear_invocation();
+    if (index >= part_count) {
+        return;
+    }
+    vec4 owner = imageLoad(parts, linear_texel(2 * (first_part + index)));
+    vec4 place = imageLoad(parts, linear_texel(2 * (first_part + index) + 1));
+    int instance_index = int(owner.x);
+    int triangle_index = int(owner.y);
+    InstanceData instance = load_instance(instance_index);
+    AlignedTriangle t = load_aligned(instance, load_triangle(instance, triangle_index));
     ivec2 node = ivec2(0);
     int level = 0;
     vec3 corners[4];
     for (int step = 0; step < MAX_QUADTREE_STEPS; step++) {
-        vec2 node_size = size / float(1 << level);
-        vec2 node_low = low + node_size * vec2(node);
+        vec2 node_size = place.zw / float(1 << level);
+        vec2 node_low = place.xy + node_size * vec2(node);
         if (wanted(t, node_low + 0.5 * node_size, 0.5 * node_size, corners)) {
             float spacing = spacing_for(largest_density_of_rectangle(corners, t.n));
             vec2 cell_counts = max(ceil(node_size / spacing), 1.0);
-            if (max(cell_counts.x, cell_counts.y) > float(TILE_CELLS) && level < MAX_QUADTREE_LEVEL) {
+            if (max(cell_counts.x, cell_counts.y) <= float(TILE_CELLS)) {
+                append_tile(instance_index, triangle_index, node_low, node_size, cell_counts);
+            } else if (level < MAX_QUADTREE_LEVEL) {
                 level++;
                 node *= 2;
                 continue;
+            } else if (may_leave_parts != 0) {
+                append_part(instance_index, triangle_index, node_low, node_size);
+            } else {
+                append_tile(instance_index, triangle_index, node_low, node_size, vec2(TILE_CELLS));
             }
-            append_tile(instance, triangle, node_low, node_size, min(cell_counts, float(TILE_CELLS)));
         }
         while (level > 0 && (node.x & node.y & 1) == 1) {
             level--;
@@ -141,14 +172,16 @@ void append_tiles_of_part(AlignedTriangle t, int instance, int triangle, vec2 lo
         node = (node.x & 1) == 0 ? node + ivec2(1, 0) : node + ivec2(-1, 1);
     }
 }
+#endif
 
-void append_tiles(AlignedTriangle t, int instance, int triangle, vec2 low, vec2 high) {
+#ifdef FROM_TRIANGLES
+void append_parts(AlignedTriangle t, int instance, int triangle, vec2 low, vec2 high) {
     // u runs along the longest edge: square parts lie side by side
     vec2 extent = high - low;
-    int parts = int(clamp(ceil(extent.x / max(extent.y, 1e-30)), 1.0, float(MAX_PARTS)));
-    vec2 size = vec2(extent.x / float(parts), extent.y);
-    for (int part = 0; part < parts; part++) {
-        append_tiles_of_part(t, instance, triangle, low + vec2(size.x * float(part), 0.0), size);
+    int count = int(clamp(ceil(extent.x / max(extent.y, 1e-30)), 1.0, float(MAX_PARTS)));
+    vec2 size = vec2(extent.x / float(count), extent.y);
+    for (int k = 0; k < count; k++) {
+        append_part(instance, triangle, low + vec2(size.x * float(k), 0.0), size);
     }
 }
 
@@ -201,7 +234,7 @@ void main() {
         vec2 cell = (high - low) / counts;
         emit_points(t, Cells(low + 0.5 * cell, cell, int(counts.x), int(counts.y)));
     } else {
-        append_tiles(t, instance_index, triangle_index, low, high);
+        append_parts(t, instance_index, triangle_index, low, high);
     }
 }
 #endif

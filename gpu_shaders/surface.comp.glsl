@@ -41,7 +41,7 @@ void main() {
     if (pixel.x >= width || pixel.y >= height) {
         return;
     }
-    uvec2 seen = texelFetch(visibility, pixel, 0).xy;
+    uvec2 seen = texelFetch(visibility, samples_per_px * (pixel + margin_px) + ivec2(sample_x, sample_y), 0).xy;
     if (seen.x == 0u) {
         imageStore(positions, pixel, vec4(0.0, 0.0, 0.0, -1.0));
         imageStore(normals, pixel, vec4(0.0));

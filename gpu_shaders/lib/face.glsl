@@ -19,7 +19,7 @@ vec3 face_direction(vec3 d_ws) {
 
 // Views of a batch: table `views`, two rows each.
 #define view_center(k) (views[2 * (k)].xyz)
-#define view_first_row(k) (int(views[2 * (k)].w))
+#define view_first_row(k) ((k) * map_size.y)
 #define view_window(k) (views[2 * (k) + 1].xy)
 
 // Surfaces nearer to the light than its own diameter (`blur_depth`) are sampled as if they stood there, and their points cover

@@ -7,37 +7,60 @@
 const float MAX_SHIFT_NEARER_FOOTPRINTS = 0.5;
 const float MAX_SHIFT_DEEPER_FOOTPRINTS = 16.0;
 
+void write_depth(int k, ivec2 texel, vec2 window, float z, vec3 normal_fs, float plane_offset, float footprint) {
+    vec2 tangent = (vec2(texel) + 0.5 + window) * texel_tangent;
+    float facing = dot(normal_fs.xy, tangent) + normal_fs.z;
+    // edge-on triangles have no depth at the centre: the division is kept finite and the clamp decides
+    float plane_depth = plane_offset / (abs(facing) > 1e-6 ? facing : 1e-6);
+    float nearest = max(z - MAX_SHIFT_NEARER_FOOTPRINTS * footprint, near_m);
+    uint bits = floatBitsToUint(clamp(plane_depth, nearest, z + MAX_SHIFT_DEEPER_FOOTPRINTS * footprint));
+    ivec2 address = ivec2(texel.x, texel.y + view_first_row(k));
+    // most points are hidden or repeat a texel: looking first is cheaper than an atomic
+    if (imageLoad(depth_maps, address).x > bits) {
+        imageAtomicMin(depth_maps, address, bits);
+    }
+}
+
 void splat(vec3 p_fs, vec3 normal_fs) {
-    float reach_share = footprint_share;
+#ifdef FRONT_FACE
+    // all views lie in the plane that the face looks away from: a point is equally deep before each
+    if (p_fs.z <= near_m) {
+        return;
+    }
+    vec2 texels_per_metre = texels_per_tangent / p_fs.z;
+    float plane_constant = dot(normal_fs, p_fs);
+    float footprint = footprint_share * p_fs.z;
+#endif
     for (int k = 0; k < view_count; k++) {
+        vec4 view = views[2 * k + 1];
+#ifdef FRONT_FACE
+        float z = p_fs.z;
+        ivec2 texel = ivec2(floor((p_fs.xy - view.zw) * texels_per_metre - view.xy));
+        float plane_offset = plane_constant - dot(normal_fs.xy, view.zw);
+#else
         vec3 p = p_fs - view_center(k);
-        if (p.z <= near_m) {
+        float z = p.z;
+        if (z <= near_m) {
             continue;
         }
-        vec2 at = p.xy * (texels_per_tangent / p.z) - view_window(k);
-        float footprint_texels = sampled_depth(p.z) / p.z;
+        ivec2 texel = ivec2(floor(p.xy * (texels_per_tangent / z) - view.xy));
+        float plane_offset = dot(normal_fs, p);
+        float footprint = footprint_share * z;
+#endif
+#ifdef NEAR_SURFACES
+        float footprint_texels = sampled_depth(z) / z;
         int around = int(ceil(0.5 * (footprint_texels - 1.0)));
-        ivec2 texel = ivec2(floor(at));
-        if (any(lessThan(texel + around, ivec2(0))) || any(greaterThanEqual(texel - around, map_size))) {
-            continue;
-        }
         ivec2 low = max(texel - around, ivec2(0));
         ivec2 high = min(texel + around, map_size - 1);
-        float plane_offset = dot(normal_fs, p);
-        float reach = reach_share * p.z * footprint_texels;
         for (int y = low.y; y <= high.y; y++) {
             for (int x = low.x; x <= high.x; x++) {
-                vec3 ray = vec3((vec2(x, y) + 0.5 + view_window(k)) * texel_tangent, 1.0);
-                float facing = dot(normal_fs, ray);
-                // edge-on triangles have no depth at the centre: the division is kept finite and the clamp decides
-                float plane_depth = plane_offset / (abs(facing) > 1e-6 ? facing : 1e-6);
-                uint bits = floatBitsToUint(max(clamp(plane_depth, p.z - MAX_SHIFT_NEARER_FOOTPRINTS * reach, p.z + MAX_SHIFT_DEEPER_FOOTPRINTS * reach), near_m));
-                ivec2 address = ivec2(x, y + view_first_row(k));
-                // most points are hidden or repeat a texel: looking first is cheaper than an atomic
-                if (imageLoad(depth_maps, address).x > bits) {
-                    imageAtomicMin(depth_maps, address, bits);
-                }
+                write_depth(k, ivec2(x, y), view.xy, z, normal_fs, plane_offset, footprint * footprint_texels);
             }
         }
+#else
+        if (all(greaterThanEqual(texel, ivec2(0))) && all(lessThan(texel, map_size))) {
+            write_depth(k, texel, view.xy, z, normal_fs, plane_offset, footprint);
+        }
+#endif
     }
 }

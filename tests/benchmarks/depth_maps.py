@@ -78,8 +78,8 @@ class Bench:
         self.device, self.light = device, snapshot.lights[0]
         bounds = compute_bounds(snapshot)
         self.scene_data = SceneData(snapshot, device)
-        eye = EyePass(snapshot, self.scene_data, device, bounds)
-        device.run(eye.render, np.zeros(2))
+        eye = EyePass(snapshot, self.scene_data, device, bounds, np.zeros((1, 2)))
+        device.run(eye.render, 0)
         receivers_ws = select_receivers(device.read(eye.positions), device.read(eye.normals), self.light)
         eye.release()
         self.samples_m = area_light_samples(self.light, view_count)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def import_blender() -> None:
     """Raises DeviceError when there is no Blender to read the scene with."""
     try:
-        import bpy  # noqa: F401
+        from .. import blender  # noqa: F401
     except ImportError as error:
         raise DeviceError(
             f"Blender's Python module bpy cannot be imported ({error}); with Python 3.13 run: python -m pip install bpy==5.2.3"

@@ -41,6 +41,8 @@ class FittedFace:
     """(n,) int64 instances that some view needs"""
     seen_by_view: np.ndarray
     """(view_count, n) bool: which view needs which"""
+    nearest_caster_m: float
+    """a lower bound of the depth of casters before any view; may be negative"""
 
 
 def light_casters(snapshot: SceneSnapshot, light: Light) -> np.ndarray:
@@ -126,7 +128,8 @@ def light_hull(light: Light, samples_m: np.ndarray) -> np.ndarray:
 def _tangent_bounds(points: np.ndarray, near_m: float, limits: tuple[float, float, float, float]) -> np.ndarray:
     """Bounds of sets of points as a view sees them: (set, point, 3) face space -> (set, 4) left, right, bottom, top.
 
-    Clipped to the limits. A set that reaches behind the near depth fills them; one without a visible point has left > right.
+    Clipped to the limits. A set that reaches behind the near depth fills them as far as it may; one without a visible point has
+    left > right.
     """
     z = points[..., 2]
     behind = z <= near_m
@@ -134,7 +137,14 @@ def _tangent_bounds(points: np.ndarray, near_m: float, limits: tuple[float, floa
     tangents = points[..., :2] / np.maximum(z, near_m)[..., None]
     smallest, largest = np.maximum(tangents.min(axis=-2), low), np.minimum(tangents.max(axis=-2), high)
     crossing = behind.any(axis=-1)
-    smallest[crossing], largest[crossing] = low, high
+    if crossing.any():
+        # what is before the near depth has no projection; a set wholly to one side still cannot come nearer to the axis than its
+        # deepest point would
+        sides, deepest = points[crossing][..., :2], z[crossing].max(axis=-1)[:, None]
+        deepest = np.maximum(deepest, near_m)
+        nearest_low, nearest_high = sides.min(axis=-2) / deepest, sides.max(axis=-2) / deepest
+        smallest[crossing] = np.where(nearest_low > 0, np.maximum(nearest_low, low), low)
+        largest[crossing] = np.where(nearest_high < 0, np.minimum(nearest_high, high), high)
     bounds = np.stack([smallest[..., 0], largest[..., 0], smallest[..., 1], largest[..., 1]], axis=-1)
     bounds[behind.all(axis=-1)] = NOTHING
     return bounds
@@ -183,11 +193,14 @@ def fit_face(
     eyes = centers_fs if exact else hull_fs
     seen = np.zeros((len(eyes), len(corners)), bool)
     windows = np.zeros((len(eyes), 4))
+    nearest_m = np.inf
     for index, eye in enumerate(eyes):
         received = _with_margin(_union(_tangent_bounds((receivers - eye)[:, None], near_m, face.limits)), face.limits)
         shadowing = _intersect(_tangent_bounds(corners - eye, near_m, face.limits), received)
-        shadowing[(corners[..., 2] - eye[2]).min(axis=-1) >= far_m] = NOTHING
+        depth = (corners[..., 2] - eye[2]).min(axis=-1)
+        shadowing[depth >= far_m] = NOTHING
         seen[index] = ~_is_empty(shadowing)
+        nearest_m = min(nearest_m, depth[seen[index]].min(initial=np.inf))
         windows[index] = _union(shadowing)
     needed = seen.any(axis=0)
     if not needed.any():
@@ -196,9 +209,8 @@ def fit_face(
         windows = np.tile(_union(windows), (len(centers_fs), 1))
         seen = np.tile(needed, (len(centers_fs), 1))
     windows[_is_empty(windows)] = 0
-    return FittedFace(
-        fit_windows(face, centers_fs, samples_m, windows, resolution_px, near_m, far_m), casters.indices[needed], seen[:, needed]
-    )
+    views = fit_windows(face, centers_fs, samples_m, windows, resolution_px, near_m, far_m)
+    return FittedFace(views, casters.indices[needed], seen[:, needed], float(nearest_m))
 
 
 def _with_margin(bounds: np.ndarray, limits: tuple[float, float, float, float]) -> np.ndarray:
@@ -212,7 +224,7 @@ def _with_margin(bounds: np.ndarray, limits: tuple[float, float, float, float]) 
 def _face_without_casters(face: Face, centers_fs: np.ndarray, samples_m: np.ndarray, near_m: float, far_m: float) -> FittedFace:
     count = len(centers_fs)
     views = FaceViews(face, centers_fs, samples_m, (1.0, 1.0), np.zeros((count, 2), np.int64), 0, 0, near_m, far_m)
-    return FittedFace(views, np.zeros(0, np.int64), np.zeros((count, 0), bool))
+    return FittedFace(views, np.zeros(0, np.int64), np.zeros((count, 0), bool), np.inf)
 
 
 def fit_light(

@@ -98,6 +98,7 @@ class LightWork:
         methods = [method for _, _, method in self.faces if method is not None]
         self.statistics.face_count = len(self.faces)
         self.statistics.point_count = sum(method.point_count for method in methods)
+        self.statistics.kept_point_count = sum(method.kept_point_count for method in methods)
         self.statistics.portion_count = max((method.portion_count for method in methods), default=1)
         self.statistics.caster_triangle_count = max((method.caster_triangle_count for method in methods), default=0)
 

@@ -63,6 +63,8 @@ class PassStatistics:
     map_resolution_px: int = 0
     point_count: int = 0
     """points generated for one replay of all views; 0 for mvr"""
+    kept_point_count: int = 0
+    """points replayed after the first batch of views has found the others hidden; 0 when none were left out"""
     caster_triangle_count: int = 0
     portion_count: int = 1
     """more than 1: the point buffer was too small for all points at once"""

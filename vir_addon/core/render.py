@@ -122,7 +122,7 @@ class Renderer:
         with self.stopwatch.stage("upload"):
             self.scene_data = SceneData(self.snapshot, self.device)
             self._cleanup.callback(self.scene_data.release)
-            self.eye = EyePass(self.snapshot, self.scene_data, self.device, bounds)
+            self.eye = EyePass(self.snapshot, self.scene_data, self.device, bounds, self.offsets_px)
             self._cleanup.callback(self.eye.release)
             self.store = MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px)
             self._cleanup.callback(self.store.release)
@@ -141,7 +141,7 @@ class Renderer:
         offset = batch * self.plan.eye_sample_count // self.plan.batch_count
         if offset != self._current_offset:
             with self.stopwatch.stage("eye G-buffer"):
-                self.eye.render(self.offsets_px[offset])
+                self.eye.render(offset)
             self._current_offset = offset
 
     def render_batch(self, batch: int) -> None:

@@ -30,6 +30,8 @@ class Settings:
     """None: every light that the scene shows"""
     stochastic_culling: bool = True
     """cull triangles below a tenth of a pixel with probability 1 - 10 A (Gavane & Watson 2022, section 3.2)"""
+    cull_hidden_points: bool = True
+    """after the first batch of views, leave out points that none of its views is near to seeing (buffered points only)"""
     watertight: bool = True
     """point spacing that leaves no texel empty (covering radius) instead of the published one point per pixel area"""
     point_buffer_mib: int = 256

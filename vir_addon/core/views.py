@@ -88,6 +88,11 @@ class FaceViews:
     def view_count(self) -> int:
         return len(self.centers_fs)
 
+    @property
+    def light_diameter_m(self) -> float:
+        """diagonal of the box around all view centres"""
+        return float(np.linalg.norm(np.ptp(self.centers_fs, axis=0)))
+
     def window_tangents(self, view: int) -> tuple[float, float, float, float]:
         """left, right, bottom, top"""
         (tx, ty), (x, y) = self.texel_tangent, self.window_texels[view]

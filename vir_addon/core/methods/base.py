@@ -20,6 +20,7 @@ class DepthMapMethod(abc.ABC):
         self.scene_data, self.fitted, self.face_table, self.culled = scene_data, fitted, face_table, culled
         self.device: Device = scene_data.device
         self.point_count = 0
+        self.kept_point_count = 0
         self.portion_count = 1
 
     @property

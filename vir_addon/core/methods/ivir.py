@@ -19,6 +19,9 @@ from ..passes.scene_data import SceneData
 from ..passes.shadow_maps import (
     BUFFER_TILES,
     BUFFER_TRIANGLES,
+    CUT_PARTS,
+    KEEP_SEEN_POINTS,
+    MAX_BATCH_VIEWS,
     SPLAT_POINTS,
     SPLAT_TILES,
     SPLAT_TRIANGLES,
@@ -38,8 +41,12 @@ Resource = TypeVar("Resource", bound=Releasable)
 
 TILE_CELLS = 8
 TEXELS_PER_TILE = 2
+"""of a part as well"""
+MAX_CUTS = 6
+"""A part that touches the light asks for any number of points; six cuts into 8 x 8 make enough."""
 BYTES_PER_POINT = 16
 FIRST_TILE_CAPACITY = 1 << 15
+FIRST_PART_CAPACITY = 1 << 13
 
 
 def seen_space_planes(views: FaceViews, hull_fs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -72,6 +79,10 @@ class _LinearStore:
             raise DeviceError(f"{texel_count} texels exceed the device's largest texture; choose a smaller map resolution")
         self.texture: Texture = self.device.create_texture(LINEAR_TEXTURE_WIDTH, rows, TextureFormat.RGBA32F)
         self.texel_count = rows * LINEAR_TEXTURE_WIDTH
+
+    def replace_by(self, other: _LinearStore) -> None:
+        self.texture.release()
+        self.texture, self.texel_count = other.texture, other.texel_count
 
     def release(self) -> None:
         self.texture.release()
@@ -107,10 +118,13 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
             "seen_space": planes,
             "window_bounds": bounds,
         }
-        self.flags = ["WATERTIGHT"] * settings.watertight + ["STOCHASTIC_CULLING"] * settings.stochastic_culling
+        self.sampling_flags = ["WATERTIGHT"] * settings.watertight + ["STOCHASTIC_CULLING"] * settings.stochastic_culling
+        self.splat_flags = ["NEAR_SURFACES"] * (fitted.nearest_caster_m < fitted.views.light_diameter_m)
+        self.splat_flags += ["FRONT_FACE"] * (fitted.views.face.index == 0)
         self.culled_triangle_count = 0
         self.tile_count = 0
         self.buffered_point_count = 0
+        self.kept_point_count = 0
         self._portions: list[tuple[int, int]] = []
         self._cleanup = contextlib.ExitStack()
 
@@ -125,9 +139,10 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         self.work = self._owned(self.scene_data.work_table(self.fitted.caster_indices, ~self.culled))
         self.counters = self._owned(self.device.create_texture(4, 1, TextureFormat.R32UI))
         self.tiles = self._owned(_LinearStore(self.device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY))
+        self.parts = self._owned(_LinearStore(self.device, TEXELS_PER_TILE * FIRST_PART_CAPACITY))
         if self.storage is PointStorage.BUFFERED:
             self.capacity_limit = self.settings.point_buffer_mib * (1 << 20) // BYTES_PER_POINT
-            self.points = self._owned(_LinearStore(self.device, min(self.capacity_limit, max(1 << 18, 3 * self.work.triangle_count))))
+            self.points = self._owned(_LinearStore(self.device, min(self.capacity_limit, max(1 << 18, 4 * self.work.triangle_count))))
             self._portions = self._plan_portions()
             self.portion_count = len(self._portions)
 
@@ -165,9 +180,9 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         return int(counters[0]), int(counters[2])
 
     def _run_triangles(self, declaration: ComputeDeclaration, first_group: int, group_count: int, **outputs: Any) -> None:
-        kernel = self.device.compute_kernel(declaration, *self.flags)
+        kernel = self.device.compute_kernel(declaration, *self._flags_of(declaration))
 
-        def run() -> int:
+        while True:
             self.device.fill(self.counters, 0)
             kernel.dispatch_linear(
                 group_count * kernel.declaration.local_size[0],
@@ -177,18 +192,52 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
                 first_group=first_group,
                 group_count=group_count,
                 counters=self.counters,
-                tiles=self.tiles.texture,
-                tile_capacity=self.tiles.texel_count // TEXELS_PER_TILE,
+                parts=self.parts.texture,
+                part_capacity=self.parts.texel_count // TEXELS_PER_TILE,
             )
-            return int(self.device.read(self.counters)[0, 1])
+            if self._cut_parts():
+                return
 
-        self.tile_count = run()
-        if self.tile_count * TEXELS_PER_TILE > self.tiles.texel_count:
-            self.tiles.reserve(self.tile_count * TEXELS_PER_TILE)
-            self.tile_count = run()
+    def _cut_parts(self) -> bool:
+        """Cut parts until only tiles are left. False when a list was too small: it has grown, and its content is lost."""
+        kernel = self.device.compute_kernel(CUT_PARTS, *self.sampling_flags)
+        done = 0
+        for cut in range(MAX_CUTS + 1):
+            _, self.tile_count, _, part_count = (int(count) for count in self.device.read(self.counters)[0])
+            fits = [
+                self._fits(store, count) for store, count in ((self.tiles, self.tile_count), (self.parts, part_count))
+            ]
+            if not all(fits):
+                return False
+            if part_count == done:
+                break
+            kernel.dispatch_linear(
+                part_count - done,
+                **self.sampling_bindings,
+                counters=self.counters,
+                parts=self.parts.texture,
+                tiles=self.tiles.texture,
+                first_part=done,
+                part_count=part_count - done,
+                part_capacity=self.parts.texel_count // TEXELS_PER_TILE,
+                tile_capacity=self.tiles.texel_count // TEXELS_PER_TILE,
+                may_leave_parts=int(cut < MAX_CUTS - 1),
+            )
+            done = part_count
+        return True
+
+    @staticmethod
+    def _fits(store: _LinearStore, count: int) -> bool:
+        if TEXELS_PER_TILE * count <= store.texel_count:
+            return True
+        store.reserve(TEXELS_PER_TILE * 2 * count)
+        return False
+
+    def _flags_of(self, declaration: ComputeDeclaration) -> list[str]:
+        return self.sampling_flags + self.splat_flags if "depth_maps" in declaration.images else self.sampling_flags
 
     def _run_tiles(self, declaration: ComputeDeclaration, **outputs: Any) -> None:
-        self.device.compute_kernel(declaration, *self.flags).dispatch_linear(
+        self.device.compute_kernel(declaration, *self._flags_of(declaration)).dispatch_linear(
             self.tile_count * TILE_CELLS,
             **self.sampling_bindings,
             **outputs,
@@ -214,13 +263,41 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         for first, count in self._portions:
             if len(self._portions) > 1:
                 self._generate_into_buffer(first, count)
-            self.device.compute_kernel(SPLAT_POINTS).dispatch_linear(
+            self.device.compute_kernel(SPLAT_POINTS, *self.splat_flags).dispatch_linear(
                 self.buffered_point_count,
                 **outputs,
                 face=self.face_table,
                 points=self.points.texture,
                 point_count=self.buffered_point_count,
             )
+        if self._may_cull_hidden_points(selected):
+            self._keep_seen_points(maps, selected)
+
+    def _may_cull_hidden_points(self, selected: range) -> bool:
+        """Once, after a batch large enough to stand for all views, and only if there is something left to gain."""
+        return (
+            self.settings.cull_hidden_points
+            and self.kept_point_count == 0
+            and len(self._portions) == 1
+            and len(selected) == MAX_BATCH_VIEWS < self.fitted.views.view_count
+        )
+
+    def _keep_seen_points(self, maps: DepthMaps, selected: range) -> None:
+        kept = _LinearStore(self.device, self.buffered_point_count)
+        self.device.fill(self.counters, 0)
+        self.device.compute_kernel(KEEP_SEEN_POINTS).dispatch_linear(
+            self.buffered_point_count,
+            points=self.points.texture,
+            depth_maps=maps.texture,
+            kept_points=kept.texture,
+            counters=self.counters,
+            views=self.views_table(selected),
+            view_count=len(selected),
+            face=self.face_table,
+            point_count=self.buffered_point_count,
+        )
+        self.points.replace_by(kept)
+        self.kept_point_count = self.buffered_point_count = int(self.device.read(self.counters)[0, 0])
 
     def release(self) -> None:
         self._cleanup.close()

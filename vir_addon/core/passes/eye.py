@@ -1,6 +1,12 @@
-"""The eye G-buffer: what every pixel sees, at a sub-pixel offset that changes from batch to batch."""
+"""The eye G-buffer: what every pixel sees, at a sub-pixel offset that changes from batch to batch.
+
+Rasterizing a million triangles costs far more than filling pixels, so visibility is rasterized with 3 x 3 samples a pixel and
+serves nine offsets, which are moved to the nearest of its samples (by at most a sixth of a pixel).
+"""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -9,6 +15,11 @@ from ...device.interface import Device, TextureFormat
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera, SceneSnapshot
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
+
+SAMPLES_PER_PX = (3, 2, 1)
+"""visibility samples along a pixel's side: the first that MAX_VISIBILITY_TEXELS allows"""
+MAX_VISIBILITY_TEXELS = 1 << 25
+"""400 MiB of visibility and depth"""
 
 VISIBILITY = RasterDeclaration(
     name="visibility",
@@ -40,7 +51,14 @@ SURFACE = ComputeDeclaration(
         "positions": Stored("RGBA32F", "write", "position (world space) and instance number, -1 for the background"),
         "normals": Stored("RGBA32F", "write", "geometric normal (world space, towards the eye) and packed shading normal"),
     },
-    constants={"width": Constant("int", "of the picture, pixels"), "height": Constant("int", "of the picture, pixels")},
+    constants={
+        "width": Constant("int", "of the picture, pixels"),
+        "height": Constant("int", "of the picture, pixels"),
+        "margin_px": Constant("int", "pixels around the picture that visibility has too: filters reach beyond its edge"),
+        "samples_per_px": Constant("int", "visibility samples along a pixel's side"),
+        "sample_x": Constant("int", "which of them, counted from the pixel's first; may be a neighbour's"),
+        "sample_y": Constant("int", "the same in y"),
+    },
     tables={"eye": Table(5, "point of the image plane at pixel (0, 0), steps per pixel in x and y, eye (w: orthographic), direction")},
     defines=SCENE_DEFINES,
 )
@@ -65,15 +83,21 @@ def clip_from_view(camera: Camera, near_m: float, far_m: float) -> np.ndarray:
 class EyePass:
     """Renders G-buffers of the snapshot's camera; `positions` and `normals` hold the latest."""
 
-    def __init__(self, snapshot: SceneSnapshot, scene_data: SceneData, device: Device, bounds: SceneBounds) -> None:
+    def __init__(self, snapshot: SceneSnapshot, scene_data: SceneData, device: Device, bounds: SceneBounds, offsets_px: np.ndarray) -> None:
+        """offsets_px: (n, 2) sub-pixel offsets from pixels' centres that `render` chooses among"""
         self.camera, self.size = snapshot.camera, (snapshot.width_px, snapshot.height_px)
         self.scene_data, self.device = scene_data, device
-        width, height = self.size
-        self.visibility = device.create_texture(width, height, TextureFormat.RG32UI)
-        self.depth = device.create_texture(width, height, TextureFormat.DEPTH32F)
+        self.margin_px = math.ceil(np.abs(offsets_px).max()) + 1
+        for self.samples_per_px in SAMPLES_PER_PX:
+            if max(self._visibility_size) <= device.max_texture_size_px and math.prod(self._visibility_size) <= MAX_VISIBILITY_TEXELS:
+                break
+        self.visibility_index, self.base_offsets_px, self.samples = share_visibility(offsets_px, self.samples_per_px)
+        self._current_visibility = -1
+        self.visibility = device.create_texture(*self._visibility_size, TextureFormat.RG32UI)
+        self.depth = device.create_texture(*self._visibility_size, TextureFormat.DEPTH32F)
         self.target = device.create_target(self.visibility, self.depth)
-        self.positions = device.create_texture(width, height, TextureFormat.RGBA32F)
-        self.normals = device.create_texture(width, height, TextureFormat.RGBA32F)
+        self.positions = device.create_texture(*self.size, TextureFormat.RGBA32F)
+        self.normals = device.create_texture(*self.size, TextureFormat.RGBA32F)
         self.rasterize = device.raster_kernel(VISIBILITY)
         self.surface = device.compute_kernel(SURFACE)
         # an orthographic camera sees from infinitely far away, as far as culling can tell: everything is drawn
@@ -81,27 +105,21 @@ class EyePass:
         culled = None if snapshot.camera.is_orthographic else cullable_instances(snapshot, bounds, eye_ws)
         self.draws = scene_data.draws(np.flatnonzero(snapshot.instances.visible_to_camera), culled)
 
-    def render(self, offset_px: np.ndarray) -> None:
-        """offset_px: (2,) sub-pixel offset of the sample from the pixel's centre"""
+    @property
+    def _visibility_size(self) -> tuple[int, int]:
         width, height = self.size
-        left, right, bottom, top = self.camera.window
-        step_x, step_y = (right - left) / width, (top - bottom) / height
-        shift = np.eye(4)
-        shift[:2, 3] = -2 * offset_px[0] / width, -2 * offset_px[1] / height
-        near, far = self.camera.clip_start_m, self.camera.clip_end_m
-        view_from_world = np.linalg.inv(self.camera.world_from_view)
-        clip_from_world = shift @ clip_from_view(self.camera, near, far) @ view_from_world
-        self.device.fill(self.visibility, 0)
-        self.device.fill(self.depth, 0)
-        self.rasterize.draw(
-            self.target, (0, 0, width, height), self.draws, clip_from_world=clip_from_world, instances=self.scene_data.instances
+        return (
+            self.samples_per_px * (width + 2 * self.margin_px),
+            self.samples_per_px * (height + 2 * self.margin_px),
         )
-        rotation, eye = self.camera.world_from_view[:3, :3], self.camera.world_from_view[:3, 3]
-        plane_z = 0.0 if self.camera.is_orthographic else -1.0
-        corner = eye + rotation @ [left + step_x * offset_px[0], bottom + step_y * offset_px[1], plane_z]
-        table = np.zeros((5, 4))
-        table[:, :3] = corner, rotation[:, 0] * step_x, rotation[:, 1] * step_y, eye, -rotation[:, 2]
-        table[3, 3] = self.camera.is_orthographic
+
+    def render(self, index: int) -> None:
+        """The G-buffer of the offset with this number."""
+        base = self.base_offsets_px[self.visibility_index[index]]
+        if self.visibility_index[index] != self._current_visibility:
+            self._rasterize(base + 0.5 - 0.5 / self.samples_per_px)
+            self._current_visibility = int(self.visibility_index[index])
+        width, height = self.size
         self.surface.dispatch(
             (-(-width // 8), -(-height // 8), 1),
             **self.scene_data.bindings,
@@ -111,9 +129,57 @@ class EyePass:
             normals=self.normals,
             width=width,
             height=height,
-            eye=table,
+            margin_px=self.margin_px,
+            samples_per_px=self.samples_per_px,
+            sample_x=int(self.samples[index, 0]),
+            sample_y=int(self.samples[index, 1]),
+            eye=self._eye_table(base + self.samples[index] / self.samples_per_px),
         )
 
+    def _rasterize(self, shift_px: np.ndarray) -> None:
+        """shift_px: (2,) from a pixel's centre to the middle between its samples"""
+        width, height = self.size
+        scale = np.eye(4)
+        margin = 2 * self.margin_px
+        scale[0, 0], scale[1, 1] = width / (width + margin), height / (height + margin)
+        scale[:2, 3] = -2 * shift_px[0] / (width + margin), -2 * shift_px[1] / (height + margin)
+        projection = clip_from_view(self.camera, self.camera.clip_start_m, self.camera.clip_end_m)
+        self.device.fill(self.visibility, 0)
+        self.device.fill(self.depth, 0)
+        self.rasterize.draw(
+            self.target,
+            (0, 0, *self._visibility_size),
+            self.draws,
+            clip_from_world=scale @ projection @ np.linalg.inv(self.camera.world_from_view),
+            instances=self.scene_data.instances,
+        )
+
+    def _eye_table(self, offset_px: np.ndarray) -> np.ndarray:
+        """(5, 4) rows of the table `eye`"""
+        width, height = self.size
+        left, right, bottom, top = self.camera.window
+        step_x, step_y = (right - left) / width, (top - bottom) / height
+        rotation, eye = self.camera.world_from_view[:3, :3], self.camera.world_from_view[:3, 3]
+        plane_z = 0.0 if self.camera.is_orthographic else -1.0
+        corner = eye + rotation @ [left + step_x * offset_px[0], bottom + step_y * offset_px[1], plane_z]
+        table = np.zeros((5, 4))
+        table[:, :3] = corner, rotation[:, 0] * step_x, rotation[:, 1] * step_y, eye, -rotation[:, 2]
+        table[3, 3] = self.camera.is_orthographic
+        return table
+
     def release(self) -> None:
-        for thing in (self.target, self.visibility, self.depth, self.positions, self.normals):
-            thing.release()
+        for texture in (self.visibility, self.depth, self.positions, self.normals):
+            texture.release()
+        self.target.release()
+
+
+def share_visibility(offsets_px: np.ndarray, samples_per_px: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which offsets share a rasterization: (n,) its number, (m, 2) where the samples of each lie, (n, 2) int64 samples.
+
+    Offset i becomes base[index[i]] + samples[i] / samples_per_px. Consecutive offsets share a base, within half a sample of 0; the
+    first of them is exact, the others are moved to the nearest sample.
+    """
+    index = np.arange(len(offsets_px)) // samples_per_px**2
+    first = offsets_px[:: samples_per_px**2]
+    base = first - np.round(first * samples_per_px) / samples_per_px
+    return index, base, np.round((offsets_px - base[index]) * samples_per_px).astype(np.int64)

@@ -23,7 +23,9 @@ MAX_HULL_CORNERS = 8
 FACE_TABLE = Table(
     11, "rows of face_from_world, texel size and map size, depths, light's axis and spread, inverse sizes, unused, light_from_world"
 )
-VIEWS_TABLE = Table(2 * MAX_BATCH_VIEWS, "two rows a view: centre (face space), first row of its map; place on the lattice, light sample")
+VIEWS_TABLE = Table(
+    2 * MAX_BATCH_VIEWS, "two rows a view: centre (face space), -; window's place on the lattice, centre in the light's plane"
+)
 VIEW_COUNT = Constant("int", "views in this batch")
 DEPTH_MAPS_ATOMIC = Stored("R32UI", "atomic", "depth maps of the batch")
 
@@ -43,12 +45,33 @@ RASTERIZE_DEPTH = RasterDeclaration(
     defines=SCENE_DEFINES,
 )
 
+SPLAT_FLAGS = {
+    "NEAR_SURFACES": "something casts from nearer than the light's diameter: points there cover several texels",
+    "FRONT_FACE": "the face looks along the light's axis: all views lie in one plane across it",
+}
+
 SPLAT_POINTS = ComputeDeclaration(
     name="splat_points",
     text="replays the point buffer into the maps of a batch",
     source="splat_points.comp.glsl",
     textures={"points": Sampled("sampler2D", "position (face space) and packed normal")},
     images={"depth_maps": DEPTH_MAPS_ATOMIC},
+    constants={"view_count": VIEW_COUNT, "point_count": Constant("int", "points in the buffer")},
+    tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
+    flags=SPLAT_FLAGS,
+)
+
+COUNTERS = Stored("R32UI", "atomic", "texel 0: points, 1: tiles, 2: culled triangles, 3: parts of large triangles")
+
+KEEP_SEEN_POINTS = ComputeDeclaration(
+    name="keep_seen_points",
+    text="leaves out points that no view of a batch is near to seeing",
+    source="keep_seen_points.comp.glsl",
+    textures={
+        "points": Sampled("sampler2D", "position (face space) and packed normal"),
+        "depth_maps": Sampled("usampler2D", "depth maps of the batch"),
+    },
+    images={"kept_points": Stored("RGBA32F", "write", "position (face space) and packed normal"), "counters": COUNTERS},
     constants={"view_count": VIEW_COUNT, "point_count": Constant("int", "points in the buffer")},
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
 )
@@ -69,7 +92,8 @@ SAMPLING_FLAGS = {
     "WATERTIGHT": "point spacing that leaves no texel empty instead of the published density",
     "STOCHASTIC_CULLING": "cull triangles below a tenth of a texel with probability 1 - 10 A",
 }
-COUNTERS = Stored("R32UI", "atomic", "texel 0: points, 1: tiles, 2: culled triangles")
+PARTS_TEXT = "two texels a part of a large triangle: instance and triangle; corner and size"
+PART_CAPACITY = Constant("int", "parts that the list holds")
 POINT_STORE = {"points": Stored("RGBA32F", "write", "position (face space) and packed normal")}
 
 
@@ -82,11 +106,11 @@ def _generate(name: str, text: str, source_flag: str, output_flag: str) -> Compu
     tables = dict(SAMPLING_TABLES)
     if from_triangles:
         textures["work_table"] = Sampled("sampler2D", "instance, first triangle, triangle count and two-sidedness of every work group")
-        images["tiles"] = Stored("RGBA32F", "write", "two texels a tile of a large triangle: instance and triangle; corner and cell size")
+        images["parts"] = Stored("RGBA32F", "write", PARTS_TEXT)
         constants |= {
             "group_count": Constant("int", "work groups of this portion"),
             "first_group": Constant("int", "the portion's first work group"),
-            "tile_capacity": Constant("int", "tiles that the list holds"),
+            "part_capacity": PART_CAPACITY,
         }
     else:
         textures["tile_list"] = Sampled("sampler2D", "tiles of large triangles")
@@ -107,10 +131,34 @@ def _generate(name: str, text: str, source_flag: str, output_flag: str) -> Compu
         images=images,
         constants=constants,
         tables=tables,
-        flags=SAMPLING_FLAGS,
+        flags=SAMPLING_FLAGS if into_buffer else SAMPLING_FLAGS | SPLAT_FLAGS,
         defines={**SCENE_DEFINES, source_flag: 1, output_flag: 1},
     )
 
+
+CUT_PARTS = ComputeDeclaration(
+    name="cut_parts",
+    text="cuts parts of large triangles into tiles and smaller parts",
+    source="generate_points.comp.glsl",
+    local_size=(WORK_GROUP_SIZE, 1, 1),
+    textures=dict(SCENE_TEXTURES),
+    images={
+        "counters": COUNTERS,
+        "parts": Stored("RGBA32F", "read_write", PARTS_TEXT),
+        "tiles": Stored("RGBA32F", "write", "two texels a tile: instance, triangle and cells; corner and cell size"),
+    },
+    constants={
+        **SAMPLING_CONSTANTS,
+        "first_part": Constant("int", "the first part to cut"),
+        "part_count": Constant("int", "parts to cut"),
+        "part_capacity": PART_CAPACITY,
+        "tile_capacity": Constant("int", "tiles that the list holds"),
+        "may_leave_parts": Constant("int", "0: what is still too large becomes a tile, sampled too sparsely"),
+    },
+    tables=SAMPLING_TABLES,
+    flags=SAMPLING_FLAGS,
+    defines={**SCENE_DEFINES, "FROM_PARTS": 1},
+)
 
 BUFFER_TRIANGLES = _generate("buffer_triangles", "points of small triangles into the buffer", "FROM_TRIANGLES", "INTO_BUFFER")
 BUFFER_TILES = _generate("buffer_tiles", "points of large triangles into the buffer", "FROM_TILES", "INTO_BUFFER")
@@ -160,7 +208,7 @@ def face_table(views: FaceViews, light: Light) -> np.ndarray:
         table[row : row + 3, :3] = rotation
         table[row : row + 3, 3] = -rotation @ position
     table[3] = *views.texel_tangent, views.map_width_px, views.map_height_px
-    table[4] = views.near_m, views.far_m, views.far_m**2, np.linalg.norm(np.ptp(views.centers_fs, axis=0))
+    table[4] = views.near_m, views.far_m, views.far_m**2, views.light_diameter_m
     table[5, :3] = views.face.face_from_world @ light_axes(light)[2]
     table[5, 3] = 0.0 if light.spread_rad >= math.pi - 1e-4 else math.tan(light.spread_rad / 2)
     table[6, :3] = 1 / views.texel_tangent[0], 1 / views.texel_tangent[1], max(views.texel_tangent)
@@ -171,7 +219,6 @@ def views_table(views: FaceViews, selected: range) -> np.ndarray:
     """(2 * len(selected), 4) rows of VIEWS_TABLE; the maps are stacked in the order of `selected`."""
     table = np.zeros((2 * len(selected), 4))
     table[0::2, :3] = views.centers_fs[selected.start : selected.stop]
-    table[0::2, 3] = np.arange(len(selected)) * views.map_height_px
     table[1::2, :2] = views.window_texels[selected.start : selected.stop]
     table[1::2, 2:] = views.samples_m[selected.start : selected.stop]
     return table
