@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import cost
-from .bounds import compute_bounds
+from .bounds import SceneBounds, compute_bounds
 from .errors import SceneError, UsageError
 from .fit import light_casters
 from .pass_set import unique_pass_names
@@ -58,14 +58,14 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     """
     lights = _chosen_lights(snapshot, settings)
     names = unique_pass_names([light.name for light in snapshot.lights])
-    corners_ws = compute_bounds(snapshot).corners_ws
-    passes = tuple(_plan_light(snapshot, light, names[light.name], settings, corners_ws) for light in lights)
+    bounds = compute_bounds(snapshot)
+    passes = tuple(_plan_light(snapshot, light, names[light.name], settings, bounds) for light in lights)
     running = [planned for planned in passes if planned.runs]
     most_views = max((planned.view_count for planned in running), default=0)
     per_batch = _views_per_batch(settings)
     batch_count = max(math.ceil(most_views / per_batch), MIN_EYE_SAMPLES) if running else 1
     eye_sample_count = min(batch_count, MAX_EYE_SAMPLES)
-    eye_ms = cost.eye_ms(snapshot) * eye_sample_count
+    eye_ms = cost.eye_ms(snapshot, eye_sample_count)
     return RenderPlan(
         settings=settings,
         passes=passes,
@@ -98,8 +98,8 @@ def _chosen_lights(snapshot: SceneSnapshot, settings: Settings) -> list[Light]:
     return lights
 
 
-def _plan_light(snapshot: SceneSnapshot, light: Light, pass_name: str, settings: Settings, corners_ws: np.ndarray) -> PlannedPass:
-    skipped = _reason_to_skip(snapshot, light, corners_ws)
+def _plan_light(snapshot: SceneSnapshot, light: Light, pass_name: str, settings: Settings, bounds: SceneBounds) -> PlannedPass:
+    skipped = _reason_to_skip(snapshot, light, bounds.corners_ws)
     if skipped is not None:
         reason, surface_value = skipped
         return PlannedPass(light.name, pass_name, runs=False, reason=reason, surface_value=surface_value)
@@ -107,7 +107,7 @@ def _plan_light(snapshot: SceneSnapshot, light: Light, pass_name: str, settings:
     view_count = settings.view_count if has_size else 1
     size = f"{light.size_x_m:.3g} x {light.size_y_m:.3g} m {light.shape.value}"
     reason = size if has_size else "the light has no size: one view, a hard shadow"
-    estimates = cost.estimate_methods(snapshot, light, view_count, settings)
+    estimates = cost.estimate_methods(snapshot, light, view_count, settings, bounds)
     if settings.method is Method.AUTO:
         method = min(estimates, key=lambda m: estimates[m])
         other = max(estimates, key=lambda m: estimates[m])

@@ -23,6 +23,11 @@ MAX_SINGLE_FACE_TANGENT = math.tan(math.radians(50))
 LADDER_STEPS_PER_OCTAVE = 8
 """texel sizes are powers of 2^(1/8): at most 9 % of a map's width is lost to the ladder"""
 WINDOW_MARGIN_TEXELS = 2
+MIN_PARALLAX_SHARE = 0.5
+"""A map is at least this share as wide as its window wanders from view to view. A few pixels that see a corner of a room would
+ask for any density of points over everything between them and the light, to resolve what its size blurs."""
+MAX_LATTICE_INDEX = 1 << 18
+"""float32 still tells thirty-second parts of a texel apart"""
 NEAR_SHARE_OF_FAR = 1e-4
 """Surfaces nearer to a view than this share of the farthest receiver neither cast nor count: the light touches them."""
 
@@ -110,11 +115,13 @@ def fit_windows(
     """Place one map per view over its window.
 
     windows: (view_count, 4) float64 tangents left, right, bottom, top that the maps must cover.
-    A small window gets a smaller map, not finer texels than `MIN_TEXEL` would need.
     """
-    widths = windows[:, 1] - windows[:, 0], windows[:, 3] - windows[:, 2]
     usable = resolution_px - 2 * WINDOW_MARGIN_TEXELS - 1
-    tangents = [snap_up_to_ladder(max(float(width.max()), 1e-6) / usable) for width in widths]
+    tangents = []
+    for low, high in (windows[:, :2].T, windows[:, 2:].T):
+        width = max(float((high - low).max()), MIN_PARALLAX_SHARE * float(np.ptp(low + high)) / 2, 1e-6)
+        farthest = max(float(np.abs(low).max()), float(np.abs(high).max()))
+        tangents.append(snap_up_to_ladder(max(width / usable, farthest / MAX_LATTICE_INDEX)))
     origin = [np.floor(windows[:, 2 * axis] / tangents[axis]).astype(np.int64) - WINDOW_MARGIN_TEXELS for axis in (0, 1)]
     return FaceViews(
         face=face,
