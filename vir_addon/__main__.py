@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from .core.errors import VirError
 
+LOG_WIDTH = 140
 STOPPED_STATUS = 130
 """what a shell reports of a program that Ctrl-C ended"""
 
@@ -21,7 +22,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     from .cli.arguments import make_parser
 
     arguments = make_parser().parse_args(argv)
-    console, errors = Console(), Console(stderr=True)
+    # into a file or a farm's log there is no width to fit: keep a line a line
+    console, errors = Console(width=None if sys.stdout.isatty() else LOG_WIDTH), Console(stderr=True)
     try:
         if arguments.command == "doctor":
             from .cli.doctor import run_doctor

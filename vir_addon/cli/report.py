@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from ..core.files import whole_file
 from ..core.pass_set import STAGES, PassSet, SetStatistics
@@ -62,16 +62,15 @@ def print_notes(console: Console, notes: list[str], left_out: list[str]) -> None
 
 
 def print_statistics(console: Console, statistics: SetStatistics) -> None:
-    table = Table("pass", "method", "views", "faces", "maps", "points", "points ms", "maps ms", "resolve ms", "error")
+    table = Table(Column("pass", no_wrap=True), "method", "views", "maps", "points", "points ms", "maps ms", "resolve ms", "error")
     for made in statistics.passes:
+        if not made.view_count:
+            table.add_row(made.pass_name, made.reason)
+            continue
         times = [f"{made.stage_ms.get(stage, 0.0):.0f}" for stage in ("points", "splat or raster", "resolve")]
-        if made.view_count:
-            table.add_row(
-                made.pass_name, made.method, str(made.view_count), str(made.face_count), f"{made.map_resolution_px} px",
-                f"{made.point_count:,}", *times, error_text(made.error_estimate),
-            )  # fmt: skip
-        else:
-            table.add_row(made.pass_name, made.method, *[""] * 7, made.reason)
+        faces = f" x {made.face_count} faces" if made.face_count > 1 else ""
+        maps, points = f"{made.map_resolution_px} px{faces}", f"{made.point_count:,}" if made.point_count else ""
+        table.add_row(made.pass_name, made.method, str(made.view_count), maps, points, *times, error_text(made.error_estimate))
     console.print(table)
     totals = total_stage_ms(statistics)
     console.print(", ".join(f"{stage} {milliseconds(totals[stage])}" for stage in STAGES if stage in totals), highlight=False)

@@ -66,7 +66,8 @@ def estimate_point_count(snapshot: SceneSnapshot, light: Light, settings: Settin
     cell = distance / settings.map_resolution_px / np.sqrt(POINTS_PER_TEXEL if settings.watertight else 1.0)
     area, half_perimeter = statistics[:, 0] * scale**2 / cell**2, statistics[:, 1] * scale / cell / 2
     visible = min(1.0, MAX_LAYERS * POINTS_PER_TEXEL * settings.map_resolution_px**2 / max(float((counts * area).sum()), 1.0))
-    return float((counts * (1 + half_perimeter * 0.5 + area * visible)).sum() / 2)
+    facing = np.where([mesh.is_closed for mesh in snapshot.meshes], 0.5, 1.0)[instances.mesh_index]
+    return float((counts * facing * (1 + half_perimeter * 0.5 + area * visible)).sum())
 
 
 def estimate_methods(
