@@ -71,6 +71,8 @@ class LightWork:
             map_resolution_px=planned.map_resolution_px,
         )
         self.faces: list[tuple[FittedFace, np.ndarray, DepthMapMethod | None]] = []
+        self.reference_m = 1.0
+        """distance at which the light delivers 1 in the running sums, which keeps them near 1 in scenes of any scale"""
 
     def fit(self, snapshot: SceneSnapshot, bounds: SceneBounds, eye: EyePass, stopwatch: Stopwatch) -> None:
         """Fit the views to the surfaces of the current eye G-buffer and make what all batches share."""
@@ -79,6 +81,7 @@ class LightWork:
             fitted_faces, is_cube = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, self.planned.map_resolution_px)
             if is_cube:
                 self.resolve_flags.append("MANY_FACES")
+            self.reference_m = max((fitted.views.far_m for fitted in fitted_faces), default=1.0)
             culled = cullable_instances(snapshot, bounds, light_hull(self.light, self.samples_m))
             for fitted in fitted_faces:
                 self.faces.append(self._face(fitted, culled))
@@ -88,7 +91,7 @@ class LightWork:
         self._update_statistics()
 
     def _face(self, fitted: FittedFace, culled: np.ndarray) -> tuple[FittedFace, np.ndarray, DepthMapMethod | None]:
-        table = face_table(fitted.views, self.light)
+        table = face_table(fitted.views, self.light, self.reference_m)
         if not len(fitted.caster_indices):
             return fitted, table, None
         method = depth_map_method(self.planned, self.scene_data, fitted, table, culled, self.light, self.samples_m, self.plan.settings)

@@ -173,7 +173,7 @@ class Renderer:
             for work in self.works:
                 shadowed, delivered, surface_share = work.accumulator.read()
                 images[work.planned.pass_name] = pass_image(shadowed, delivered, surface_share)
-                weight = combined_weight(work.light, work.planned.view_count, self.plan.batch_count)
+                weight = combined_weight(work.light, work.planned.view_count, self.plan.batch_count, work.reference_m)
                 combined[0] += weight * shadowed
                 combined[1] += weight * delivered
         for planned in self.plan.passes:
@@ -189,7 +189,8 @@ class Renderer:
         self.device.run(self._cleanup.close)
 
 
-def combined_weight(light: Light, view_count: int, batch_count: int) -> float:
+def combined_weight(light: Light, view_count: int, batch_count: int, reference_m: float) -> float:
     """What a light's running sums count in the combined pass: its strength per look-up, as a batch adds as many samples as it
-    has views. A light of negative strength counts as much as a positive one, so that the pass stays between 0 and 1."""
-    return abs(light.strength) / max(view_count / batch_count, 1.0)
+    has views, without the light's own unit of distance. A light of negative strength counts as much as a positive one, so that the
+    pass stays between 0 and 1."""
+    return abs(light.strength) / max(view_count / batch_count, 1.0) / reference_m**2

@@ -200,15 +200,19 @@ RESOLVE = ComputeDeclaration(
 )
 
 
-def face_table(views: FaceViews, light: Light) -> np.ndarray:
-    """(11, 4) float64 rows of FACE_TABLE. Composed in float64: the light may stand far from what it lights."""
+def face_table(views: FaceViews, light: Light, reference_m: float | None = None) -> np.ndarray:
+    """(11, 4) float64 rows of FACE_TABLE. Composed in float64: the light may stand far from what it lights.
+
+    reference_m: the distance at which the light delivers 1. A pixel sums over all faces, so they must share it; by default, for
+    making maps only, the face's own far_m.
+    """
     position = light.world_from_light[:3, 3]
     table = np.zeros((FACE_TABLE.length, 4))
     for row, rotation in ((0, views.face.face_from_world), (8, light_axes(light))):
         table[row : row + 3, :3] = rotation
         table[row : row + 3, 3] = -rotation @ position
     table[3] = *views.texel_tangent, views.map_width_px, views.map_height_px
-    table[4] = views.near_m, views.far_m, views.far_m**2, views.light_diameter_m
+    table[4] = views.near_m, views.far_m, (reference_m or views.far_m) ** 2, views.light_diameter_m
     table[5, :3] = views.face.face_from_world @ light_axes(light)[2]
     table[5, 3] = 0.0 if light.spread_rad >= math.pi - 1e-4 else math.tan(light.spread_rad / 2)
     table[6, :3] = 1 / views.texel_tangent[0], 1 / views.texel_tangent[1], max(views.texel_tangent)

@@ -1,0 +1,89 @@
+"""The whole pipeline against float64 ray tracing of the same light samples: any light, any angle, any camera."""
+
+import numpy as np
+import pytest
+
+from tests.ray_tracing import bracket_pass
+from tests.scenes import (
+    METHODS,
+    area_light,
+    box,
+    bumpy_sphere,
+    camera_from_above,
+    floor,
+    perspective_camera,
+    prepared_renderer,
+    rectangle,
+    rmse,
+    snapshot,
+)
+from vir_addon.core.scene import LightShape
+
+WIDTH, HEIGHT = 28, 16
+VIEWS = 16
+
+
+def still_life(light, **arguments):
+    meshes = [
+        floor(3.0),
+        box("box", (-0.9, 0.3, 0.5), (0.4, 0.5, 0.5), turn_rad=0.4),
+        bumpy_sphere("ball", (0.8, 0.0, 0.8), 0.6, 8, smooth=False),
+        rectangle("leaf", (-0.2, -1.2, 0.7), (0.7, 0.1, 0.3), (0.0, 0.6, 0.2)),
+    ]
+    camera = arguments.pop("camera", perspective_camera((0.5, -6.0, 3.5), (0.0, 0.0, 0.5), WIDTH, HEIGHT))
+    return snapshot(meshes, [light], camera, WIDTH, HEIGHT, **arguments)
+
+
+def room(light, camera):
+    """Walls beside and behind the light, seen far off its axis."""
+    meshes = [
+        floor(3.0),
+        rectangle("left wall", (-3, -3, 0), (0, 6, 0), (0, 0, 3)),
+        rectangle("right wall", (3, -3, 0), (0, 0, 3), (0, 6, 0)),
+        rectangle("back wall", (-3, 3, 0), (6, 0, 0), (0, 0, 3)),
+        box("pillar", (-1.8, 0.6, 1.2), (0.2, 0.2, 1.2), turn_rad=0.3),
+        box("shelf", (1.9, 0.2, 1.6), (0.5, 0.8, 0.05)),
+        bumpy_sphere("ball", (0.5, 0.8, 1.0), 0.5, 7, smooth=False),
+    ]
+    return snapshot(meshes, [light], camera, WIDTH, HEIGHT)
+
+
+FAR_LIGHT = area_light(eye=(2.0, -2.0, 5.0), target=(0, 0, 0.5))
+ROOM_CAMERA = perspective_camera((0.2, -6.5, 1.6), (0.0, 0.0, 1.4), WIDTH, HEIGHT, 0.45)
+SCENES = {
+    "one face": lambda: still_life(FAR_LIGHT),
+    "one face seen from above": lambda: still_life(FAR_LIGHT, camera=camera_from_above((0, 0), 5.0, WIDTH, HEIGHT)),
+    "long rectangle": lambda: still_life(area_light(eye=(-3, 1, 4), size_m=(2.0, 0.1))),
+    "ellipse": lambda: still_life(area_light(eye=(0, -3, 4), size_m=(1.5, 0.6), shape=LightShape.ELLIPSE)),
+    "narrow spread": lambda: still_life(area_light(eye=(1.0, -1.0, 5.0), spread_rad=0.7)),
+    "no size": lambda: still_life(area_light(eye=(2, -2, 5), size_m=(0.0, 0.0))),
+    "cube": lambda: room(area_light(eye=(0.0, 0.3, 2.6), target=(0.0, 0.3, 0.0)), ROOM_CAMERA),
+    "cube of a slanted light": lambda: room(area_light(eye=(-0.6, -0.5, 1.5), target=(1.0, 2.0, 1.2), size_m=(0.6, 0.3)), ROOM_CAMERA),
+    "cube of a light at a wall": lambda: room(area_light(eye=(-2.9, -1.0, 1.5), target=(0.0, -1.0, 1.5), size_m=(0.5, 1.0)), ROOM_CAMERA),
+}
+
+
+QUICK = ("one face", "ellipse", "no size", "cube", "cube of a light at a wall")
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in SCENES])
+def test_pass_lies_within_a_texel_of_the_truth(device, name, method):
+    scene = SCENES[name]()
+    with prepared_renderer(scene, device, method=method, view_count=VIEWS, map_resolution_px=1024) as renderer:
+        for batch in range(renderer.plan.batch_count):
+            device.run(renderer.render_batch, batch)
+        image = renderer.read_passes()["VIR Shadow Key"]
+        (work,) = renderer.works
+        faces = [fitted for fitted, _, _ in work.faces]
+        positions = device.run(device.read, renderer.eye.positions)
+        truth = bracket_pass(scene, work.light, work.samples_m, faces, positions)
+    assert (len(faces) > 1) == name.startswith("cube")
+    assert truth.exact[truth.surface].std() > 0.1
+    outside = np.maximum(truth.low - image, image - truth.high)
+    wrong = outside > 2e-3
+    width, error = (truth.high - truth.low)[truth.surface].mean(), rmse(image, truth.exact)
+    assert wrong.sum() <= 2, list(zip(*np.nonzero(wrong), image[wrong], truth.low[wrong], truth.high[wrong], strict=True))
+    assert width < 0.05
+    # one sample: a pixel is either right or wholly wrong
+    assert error < (0.06 if name == "no size" else 0.02)
