@@ -23,18 +23,39 @@ def test_what_is_missing_is_said(tmp_path):
         resources.find_folder("gpu_shaders", tmp_path / "vir_addon")
 
 
-@pytest.mark.slow
-def test_pip_installs_them_inside_the_package(tmp_path):
-    installed = tmp_path / "installed"
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory) -> Path:
+    """A folder into which pip has installed the package, from a checkout that it is not near to."""
+    target = tmp_path_factory.mktemp("somewhere") / "installed"
     subprocess.run(
-        [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", installed, PROJECT_FOLDER],
+        [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", target, PROJECT_FOLDER],
         check=True,
         env=os.environ | {"PIP_DISABLE_PIP_VERSION_CHECK": "1"},
     )
-    script = "from vir_addon import resources as r; print(r.shader_folder(), r.preset_folder(), sep='\\n')"
+    return target
+
+
+def run_installed(installed: Path, *arguments: str) -> str:
+    """What Python prints, run from a folder that has nothing to do with the checkout."""
     # In front of the path, so that the editable checkout is not what is found.
     environment = os.environ | {"PYTHONPATH": str(installed)}
-    found = subprocess.run([sys.executable, "-P", "-c", script], check=True, cwd=tmp_path, env=environment, capture_output=True, text=True)
-    assert found.stdout.splitlines() == [str(installed / "vir_addon" / name) for name in ("gpu_shaders", "presets")]
+    command = [sys.executable, "-P", *arguments]
+    return subprocess.run(command, check=True, cwd=installed.parent, env=environment, capture_output=True, text=True).stdout
+
+
+@pytest.mark.slow
+def test_pip_installs_them_inside_the_package(installed):
+    script = "from vir_addon import resources as r; print(r.shader_folder(), r.preset_folder(), sep='\\n')"
+    found = run_installed(installed, "-c", script)
+    assert found.splitlines() == [str(installed / "vir_addon" / name) for name in ("gpu_shaders", "presets")]
     shaders = {path.relative_to(PROJECT_FOLDER / "gpu_shaders") for path in (PROJECT_FOLDER / "gpu_shaders").rglob("*.glsl")}
     assert {path.relative_to(installed / "vir_addon" / "gpu_shaders") for path in installed.rglob("*.glsl")} == shaders
+
+
+@pytest.mark.slow
+def test_an_installed_package_finds_its_shaders_and_a_device(installed):
+    told = run_installed(installed, "-m", "vir_addon", "doctor")
+    assert f"shaders: {installed / 'vir_addon' / 'gpu_shaders'}" in told
+    assert "device moderngl: not usable" not in told
+    # every variant of every kernel can be composed from what was installed
+    assert "resolve: " in run_installed(installed, "-m", "vir_addon.device.check_shaders")
