@@ -32,7 +32,8 @@ BASELINE = "mvr"
 COLUMNS = (
     Column("variant", "method"),
     Column("points", "points", "{:,}"),
-    Column("culled", "culled", "{:,}"),
+    Column("kept", "replayed", "{:,}"),
+    Column("culled", "triangles culled", "{:,}"),
     Column("missed_share", "texels missed", "{:.3%}"),
     Column("points_ms", "points, ms", "{:.0f}"),
     Column("view_ms", "a view, ms", "{:.1f}"),
@@ -68,6 +69,7 @@ def variants(view_count: int, resolution_px: int) -> list[Variant]:
         density, culling = "watertight" if is_watertight else "published", "culling" if is_culled else "no culling"
         name = f"ivir {points.value}, {density}, {culling}"
         found.append(variant(name, Method.IVIR, points, watertight=is_watertight, stochastic_culling=is_culled))
+    found.append(variant("ivir buffered, watertight, culling, hidden kept", Method.IVIR, PointStorage.BUFFERED, cull_hidden_points=False))
     return found
 
 
@@ -110,12 +112,17 @@ class Bench:
             method.fill(self.maps, batch)
 
     def inspect(self, variant: Variant) -> tuple[dict[str, int], np.ndarray]:
-        """Counts, and which texels of the first batch's maps are covered. Also compiles what `time` needs."""
+        """Counts, and which texels of the last batch's maps are covered. Also compiles what `time` needs."""
         method = self.method(variant)
         method.prepare()
-        method.fill(self.maps, self.batches()[0])
+        for batch in (self.batches()[0], self.batches()[-1]):  # what the first leaves out, the last may miss
+            method.fill(self.maps, batch)
         covered = self.device.read(self.maps.texture) != EMPTY_DEPTH_BITS
-        counts = {"points": method.point_count, "culled": getattr(method, "culled_triangle_count", 0)}
+        counts = {
+            "points": method.point_count,
+            "kept": method.kept_point_count or method.point_count,
+            "culled": getattr(method, "culled_triangle_count", 0),
+        }
         method.release()
         return counts, covered
 
@@ -145,6 +152,7 @@ def measure(triangle_count: int, options: Options, device: Device) -> BenchTable
             {
                 "variant": name,
                 "points": None if is_baseline else counts["points"],
+                "kept": None if is_baseline else counts["kept"],
                 "culled": None if is_baseline else counts["culled"],
                 "missed_share": None if is_baseline else float(missed),
                 "points_ms": statistics.median(timing.points_ms for timing in timings[name]),
@@ -159,8 +167,9 @@ def measure(triangle_count: int, options: Options, device: Device) -> BenchTable
         title=f"Depth maps of {view_count} views at {resolution_px}², {snapshot.meshes[0].name}",
         compared=(
             f"Medians of {options.rounds} rounds in which all methods take turns; 'mvr / this' is the median of the rounds' ratios. "
-            f"'texels missed': of the texels that mvr covers in the first {bench.maps.view_count} maps, outlines included. "
-            "'points': making them once; bufferless makes them for every batch of views, within the time of a view."
+            f"'texels missed': of the texels that mvr covers in the last {bench.maps.view_count} maps, outlines included. "
+            "'replayed': points left after the first batch of views. 'points, ms': making them once; bufferless makes them for every "
+            "batch, within the time of a view."
         ),
         columns=COLUMNS,
         rows=rows,
