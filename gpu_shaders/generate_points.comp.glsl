@@ -246,8 +246,8 @@ void main() {
     if (tile >= tile_count) {
         return;
     }
-    vec4 owner = texelFetch(tile_list, linear_texel(2 * tile), 0);
-    vec4 place = texelFetch(tile_list, linear_texel(2 * tile + 1), 0);
+    vec4 owner = texelFetch(tile_list, linear_texel(2 * (first_tile + tile)), 0);
+    vec4 place = texelFetch(tile_list, linear_texel(2 * (first_tile + tile) + 1), 0);
     int row = invocation % TILE_CELLS;
     if (row >= int(owner.w)) {
         return;

@@ -7,6 +7,8 @@ portions, each generated again for each batch. `bufferless`: every batch generat
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -15,7 +17,7 @@ from ...device.declaration import ComputeDeclaration
 from ...device.interface import EMPTY_DEPTH_BITS, LINEAR_TEXTURE_WIDTH, Device, Texture, TextureFormat
 from ..errors import DeviceError
 from ..fit import FittedFace, light_hull
-from ..passes.scene_data import SceneData
+from ..passes.scene_data import WORK_GROUP_SIZE, SceneData
 from ..passes.shadow_maps import (
     BUFFER_TILES,
     BUFFER_TRIANGLES,
@@ -40,6 +42,8 @@ class Releasable(Protocol):
 Resource = TypeVar("Resource", bound=Releasable)
 
 TILE_CELLS = 8
+MAX_SMALL_CELLS = 32
+"""both as in generate_points.comp.glsl"""
 TEXELS_PER_TILE = 2
 """of a part as well"""
 MAX_CUTS = 6
@@ -49,17 +53,24 @@ FIRST_TILE_CAPACITY = 1 << 15
 FIRST_PART_CAPACITY = 1 << 13
 
 
-def seen_space_planes(views: FaceViews, hull_fs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def seen_space_planes(views: FaceViews) -> tuple[np.ndarray, np.ndarray]:
     """Planes (6, 4) around everything that any view sees, and the tangents (4,) around all windows.
 
-    A plane through a view's centre with the window's outermost tangent is linear in the centre, so the outermost of the
-    hull's corners bounds all views.
+    What a view sees ends, at depth z, at a place linear in z. The outermost of these lines bulges inwards between its ends, so the
+    plane through the outermost places at the nearest and the farthest depth bounds all views, and exactly at both ends.
     """
     windows = np.array([views.window_tangents(k) for k in range(views.view_count)])
-    left, right, bottom, top = windows[:, 0].min(), windows[:, 1].max(), windows[:, 2].min(), windows[:, 3].max()
-    normals = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -bottom], [0, -1, top], [0, 0, 1], [0, 0, -1]], np.float64)
-    offsets = (normals @ hull_fs.T).min(axis=1) + np.array([0, 0, 0, 0, views.near_m, -views.far_m])
-    return np.concatenate([normals, offsets[:, None]], axis=1), np.array([left, right, bottom, top])
+    centers = views.centers_fs
+    near, far = centers[:, 2].min() + views.near_m, centers[:, 2].max() + views.far_m
+    planes = np.zeros((6, 4))
+    for side in range(4):
+        axis, sign = side // 2, 1 - 2 * (side % 2)
+        ends = [(sign * (centers[:, axis] + windows[:, side] * (z - centers[:, 2]))).min() for z in (near, far)]
+        slope = (ends[1] - ends[0]) / (far - near)
+        planes[side, axis] = sign
+        planes[side, 2:] = -slope, ends[0] - slope * near
+    planes[4, 2:], planes[5, 2:] = (1, near), (-1, -far)
+    return planes, np.array([windows[:, 0].min(), windows[:, 1].max(), windows[:, 2].min(), windows[:, 3].max()])
 
 
 class _LinearStore:
@@ -88,6 +99,16 @@ class _LinearStore:
         self.texture.release()
 
 
+@dataclass(frozen=True)
+class _Portion:
+    """Work groups whose points are in the buffer together; if even one group has too many, so many of its tiles at once."""
+
+    first_group: int
+    group_count: int
+    tiles_at_once: int = 0
+    """0: all"""
+
+
 class ImprovedViewIndependentRasterization(DepthMapMethod):
     def __init__(
         self,
@@ -104,7 +125,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         self.settings, self.storage = settings, storage
         rotation = fitted.views.face.face_from_world
         hull_fs = (light_hull(light, samples_m) - light.world_from_light[:3, 3]) @ rotation.T
-        planes, bounds = seen_space_planes(fitted.views, hull_fs)
+        planes, bounds = seen_space_planes(fitted.views)
         farthest = np.maximum(np.abs(bounds[0::2]), np.abs(bounds[1::2]))
         hull_box = np.zeros((2, 4))
         hull_box[:, :3] = (hull_fs.max(axis=0) + hull_fs.min(axis=0)) / 2, (hull_fs.max(axis=0) - hull_fs.min(axis=0)) / 2
@@ -125,7 +146,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         self.tile_count = 0
         self.buffered_point_count = 0
         self.kept_point_count = 0
-        self._portions: list[tuple[int, int]] = []
+        self._portions: list[_Portion] = []
         self._cleanup = contextlib.ExitStack()
 
     def _owned(self, resource: Resource) -> Resource:
@@ -144,44 +165,66 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
             self.capacity_limit = self.settings.point_buffer_mib * (1 << 20) // BYTES_PER_POINT
             self.points = self._owned(_LinearStore(self.device, min(self.capacity_limit, max(1 << 18, 4 * self.work.triangle_count))))
             self._portions = self._plan_portions()
-            self.portion_count = len(self._portions)
 
     # buffered
 
-    def _plan_portions(self) -> list[tuple[int, int]]:
-        """Ranges of work groups whose points fit into the buffer; the last range's points are in it afterwards."""
-        pending, fitting, total, culled = [(0, self.work.group_count)], [], 0, 0
+    def _plan_portions(self) -> list[_Portion]:
+        """Ranges of work groups whose points fit into the buffer; a single range's points are in it afterwards."""
+        pending, portions, total, culled = [_Portion(0, self.work.group_count)], [], 0, 0
         while pending:
-            first, count = pending.pop()
-            points, culled_here = self._generate_into_buffer(first, count)
+            portion = pending.pop()
+            points, culled_here = self._generate_into_buffer(portion)
             if points > self.points.texel_count and points <= self.capacity_limit:
                 self.points.reserve(points)
-                points, culled_here = self._generate_into_buffer(first, count)
-            if points <= self.points.texel_count:
-                fitting.append((first, count))
-                total, culled = total + points, culled + culled_here
-            elif count == 1:
-                raise DeviceError(
-                    f"{points} points of {self.work.triangle_count} triangles do not fit into the point buffer of "
-                    f"{self.settings.point_buffer_mib} MiB; use bufferless points or the method mvr"
-                )
-            else:
+                points, culled_here = self._generate_into_buffer(portion)
+            first, count = portion.first_group, portion.group_count
+            if points > self.points.texel_count and count > 1:
                 half = count // 2
-                pending += [(first + half, count - half), (first, half)]
+                pending += [_Portion(first + half, count - half), _Portion(first, half)]
+                continue
+            if points > self.points.texel_count:
+                # a few large triangles that fill the buffer many times over
+                self.points.reserve(self.capacity_limit)
+                room = self.points.texel_count - WORK_GROUP_SIZE * MAX_SMALL_CELLS
+                portion = _Portion(first, count, tiles_at_once=room // TILE_CELLS**2)
+                self.portion_count += -(-self.tile_count // portion.tiles_at_once) - 1
+            portions.append(portion)
+            total, culled = total + points, culled + culled_here
+        self.portion_count += len(portions) - 1
         self.point_count, self.culled_triangle_count = total, culled
-        return fitting
+        return portions
 
-    def _generate_into_buffer(self, first_group: int, group_count: int) -> tuple[int, int]:
+    def _generate_into_buffer(self, portion: _Portion) -> tuple[int, int]:
         """Returns how many points there are (more than the buffer holds: the rest is lost) and triangles culled."""
-        self._run_triangles(BUFFER_TRIANGLES, first_group, group_count, points=self.points.texture, point_capacity=self.points.texel_count)
-        self._run_tiles(BUFFER_TILES, points=self.points.texture, point_capacity=self.points.texel_count)
+        outputs = {"points": self.points.texture, "point_capacity": self.points.texel_count}
+        self._run_triangles(BUFFER_TRIANGLES, portion.first_group, portion.group_count, **outputs)
+        self._run_tiles(BUFFER_TILES, 0, self.tile_count, **outputs)
         counters = self.device.read(self.counters)[0]
         self.buffered_point_count = int(counters[0])
         return int(counters[0]), int(counters[2])
 
+    def _buffer_fillings(self) -> Iterator[None]:
+        """Yields every time the buffer holds `buffered_point_count` points to replay, until all points had their turn."""
+        if len(self._portions) == 1 and not self._portions[0].tiles_at_once:
+            yield
+            return
+        for portion in self._portions:
+            if not portion.tiles_at_once:
+                self._generate_into_buffer(portion)
+                yield
+                continue
+            outputs = {"points": self.points.texture, "point_capacity": self.points.texel_count}
+            self._run_triangles(BUFFER_TRIANGLES, portion.first_group, portion.group_count, **outputs)
+            # tiles come in another order each time they are found, so they are counted off within one finding
+            for first_tile in range(0, self.tile_count, portion.tiles_at_once):
+                if first_tile:
+                    self.device.fill(self.counters, 0)
+                self._run_tiles(BUFFER_TILES, first_tile, min(portion.tiles_at_once, self.tile_count - first_tile), **outputs)
+                self.buffered_point_count = int(self.device.read(self.counters)[0, 0])
+                yield
+
     def _run_triangles(self, declaration: ComputeDeclaration, first_group: int, group_count: int, **outputs: Any) -> None:
         kernel = self.device.compute_kernel(declaration, *self._flags_of(declaration))
-
         while True:
             self.device.fill(self.counters, 0)
             kernel.dispatch_linear(
@@ -204,9 +247,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         done = 0
         for cut in range(MAX_CUTS + 1):
             _, self.tile_count, _, part_count = (int(count) for count in self.device.read(self.counters)[0])
-            fits = [
-                self._fits(store, count) for store, count in ((self.tiles, self.tile_count), (self.parts, part_count))
-            ]
+            fits = [self._fits(store, count) for store, count in ((self.tiles, self.tile_count), (self.parts, part_count))]
             if not all(fits):
                 return False
             if part_count == done:
@@ -236,13 +277,14 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
     def _flags_of(self, declaration: ComputeDeclaration) -> list[str]:
         return self.sampling_flags + self.splat_flags if "depth_maps" in declaration.images else self.sampling_flags
 
-    def _run_tiles(self, declaration: ComputeDeclaration, **outputs: Any) -> None:
+    def _run_tiles(self, declaration: ComputeDeclaration, first_tile: int, tile_count: int, **outputs: Any) -> None:
         self.device.compute_kernel(declaration, *self._flags_of(declaration)).dispatch_linear(
-            self.tile_count * TILE_CELLS,
+            tile_count * TILE_CELLS,
             **self.sampling_bindings,
             **outputs,
             tile_list=self.tiles.texture,
-            tile_count=self.tile_count,
+            first_tile=first_tile,
+            tile_count=tile_count,
             counters=self.counters,
         )
 
@@ -256,13 +298,11 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         outputs = {"depth_maps": maps.texture, "views": self.views_table(selected), "view_count": len(selected)}
         if self.storage is PointStorage.BUFFERLESS:
             self._run_triangles(SPLAT_TRIANGLES, 0, self.work.group_count, **outputs)
-            self._run_tiles(SPLAT_TILES, **outputs)
+            self._run_tiles(SPLAT_TILES, 0, self.tile_count, **outputs)
             counters = self.device.read(self.counters)[0]
             self.point_count, self.culled_triangle_count = int(counters[0]), int(counters[2])
             return
-        for first, count in self._portions:
-            if len(self._portions) > 1:
-                self._generate_into_buffer(first, count)
+        for _ in self._buffer_fillings():
             self.device.compute_kernel(SPLAT_POINTS, *self.splat_flags).dispatch_linear(
                 self.buffered_point_count,
                 **outputs,
@@ -278,7 +318,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         return (
             self.settings.cull_hidden_points
             and self.kept_point_count == 0
-            and len(self._portions) == 1
+            and self.portion_count == 1
             and len(selected) == MAX_BATCH_VIEWS < self.fitted.views.view_count
         )
 

@@ -114,7 +114,7 @@ def _generate(name: str, text: str, source_flag: str, output_flag: str) -> Compu
         }
     else:
         textures["tile_list"] = Sampled("sampler2D", "tiles of large triangles")
-        constants["tile_count"] = Constant("int", "tiles in the list")
+        constants |= {"first_tile": Constant("int", "the first tile to sample"), "tile_count": Constant("int", "tiles to sample")}
     if into_buffer:
         images |= POINT_STORE
         constants["point_capacity"] = Constant("int", "points that the buffer holds")
