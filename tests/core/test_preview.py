@@ -45,6 +45,11 @@ def test_file_names_differ_on_every_file_system(tmp_path):
     assert all(path.exists() for path in paths)
 
 
+def test_previews_keep_the_name_of_their_file(tmp_path):
+    paths = write_previews(tmp_path, "é 日本_0001", passes_of(["VIR Shadow"]))
+    assert [path.name for path in paths] == ["é 日本_0001_VIR_Shadow.png", "é 日本_0001_contact_sheet.png"]
+
+
 def test_contact_sheet_shows_every_pass_and_stays_in_its_width():
     passes = passes_of([f"VIR Shadow light {index} with a name that is longer than its picture" for index in range(5)], 270, 480)
     passes.statistics.passes = [PassStatistics("VIR Shadow light 0", "light 0", "mvr", "", view_count=64)]

@@ -50,6 +50,7 @@ def run_render(arguments: argparse.Namespace, console: Console) -> None:
     from ..blender.job import frame_jobs
     from ..blender.open_file import open_blend, scene_named
     from ..core.exr import write_exr
+    from ..core.files import check_writable
     from ..device.open import open_device
 
     open_blend(arguments.scene)
@@ -61,7 +62,9 @@ def run_render(arguments: argparse.Namespace, console: Console) -> None:
         for frame in frames:
             jobs = frame_jobs(scene, frame, settings, arguments.resolution)
             if device is None:
-                # after the first plan: a wrong light name should not wait for a device
+                # after the first plan, as a wrong light name should not wait for a device; before the first picture, which would be lost
+                for folder in [arguments.output, *([arguments.stats.parent] if arguments.stats else [])]:
+                    check_writable(folder)
                 device = open_device(arguments.device)
             target = arguments.output / f"{arguments.scene.stem}_{frame:04d}.exr"
             layers = {name: _render_layer(job, device, console, f"frame {frame} {name}") for name, job in jobs.items()}
@@ -84,10 +87,10 @@ def run_render(arguments: argparse.Namespace, console: Console) -> None:
 
 def _write_previews(target: Path, layers: dict[str, PassSet]) -> None:
     from ..blender.fonts import find_label_font
-    from ..core.preview import write_previews
+    from ..core.preview import file_name_part, write_previews
 
     for name, passes in layers.items():
-        stem = target.stem if len(layers) == 1 else f"{target.stem}_{name}"
+        stem = target.stem if len(layers) == 1 else f"{target.stem}_{file_name_part(name)}"
         write_previews(target.parent, stem, passes, find_label_font())
 
 

@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import os
+import tempfile
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from .errors import UsageError
+
+
+def check_writable(folder: Path) -> None:
+    """Raises UsageError when no file can be written into `folder`; makes it when it is missing. For before long work."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise UsageError(f"cannot write into {folder}: {error.strerror or error}. Choose another output folder or free space.") from error
 
 
 @contextmanager

@@ -123,12 +123,18 @@ def _shorten(text: str, fits: Callable[[str], bool]) -> str:
     return text + "…"
 
 
+def file_name_part(text: str) -> str:
+    """A name from the scene as a part of a file's name on any system."""
+    return re.sub(r'[\s<>:"/\\|?*\x00-\x1f]+', "_", text)
+
+
 def _file_names(stem: str, pass_names: list[str]) -> dict[str, str]:
     """Pass name -> file name without what file systems refuse; different also where upper and lower case are the same."""
     taken: set[str] = {f"{stem}_contact_sheet.png".casefold()}
     names = {}
     for pass_name in pass_names:
-        base = re.sub(r'[\s<>:"/\\|?*\x00-\x1f]+', "_", f"{stem}_{pass_name}")
+        # the stem is a file's already, and previews should sort next to it
+        base = f"{stem}_{file_name_part(pass_name)}"
         name, number = f"{base}.png", 2
         while name.casefold() in taken:
             name, number = f"{base}_{number}.png", number + 1
