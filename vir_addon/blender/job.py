@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 
@@ -32,7 +32,11 @@ def rendered_view_layers(scene: bpy.types.Scene) -> list[bpy.types.ViewLayer]:
 
 def take_snapshot(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, resolution: tuple[int, int] | None = None) -> SceneSnapshot:
     """The scene at its current frame as a render would see it."""
-    return with_render_depsgraph(scene, view_layer, lambda depsgraph: snapshot(depsgraph, resolution=resolution))
+    taken = with_render_depsgraph(scene, view_layer, lambda depsgraph: snapshot(depsgraph, resolution=resolution))
+    if not scene.render.use_multiview:
+        return taken
+    # said here, as the evaluation switches stereoscopy off meanwhile
+    return replace(taken, notes=(*taken.notes, "Stereoscopy is on: the passes are those of the active camera only, not of either eye."))
 
 
 def frame_jobs(scene: bpy.types.Scene, frame: int, settings: Settings, resolution: tuple[int, int] | None = None) -> dict[str, LayerJob]:

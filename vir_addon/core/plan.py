@@ -48,6 +48,7 @@ class RenderPlan:
     eye_sample_count: int
     """eye G-buffers with sub-pixel offsets that batches take turns with"""
     notes: tuple[str, ...] = ()
+    """what the user should know, the snapshot's notes included"""
     predicted_ms: float = 0.0
 
 

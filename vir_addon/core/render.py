@@ -103,7 +103,7 @@ class Renderer:
             eye_sample_count=plan.eye_sample_count,
             stage_ms=self.stopwatch.shared_ms,
             left_out=[f"{item.object_name}: {item.reason}" for item in snapshot.left_out],
-            notes=[*snapshot.notes, *plan.notes],
+            notes=list(plan.notes),
         )
         self.stopwatch.shared_ms["extract"] = snapshot.extract_ms
 
