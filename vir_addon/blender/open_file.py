@@ -15,14 +15,16 @@ ZSTANDARD_MAGIC = b"\x28\xb5\x2f\xfd"
 def open_blend(path: Path) -> None:
     """Make `path` the open file. Raises SceneError: missing, not a .blend, damaged, or newer than this Blender."""
     if not path.is_file():
-        raise SceneError(f"{path} is not there" if not path.exists() else f"{path} is not a file")
+        raise SceneError(f"{path} is not there" if not path.exists() else f"{path} is a folder, not a .blend file")
     _check_header(path)
     try:
         bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False, use_scripts=False)
     except RuntimeError as error:
-        reason = str(error).replace("Error:", "").strip().splitlines()
+        lines = str(error).strip().splitlines() or ["unknown reason"]
+        # Blender names the file once or twice before it comes to the point
+        reason = lines[0].rpartition("': ")[2].removeprefix("Error: ")
         raise SceneError(
-            f"{path} cannot be opened by Blender {bpy.app.version_string}: {reason[0] if reason else 'unknown reason'}"
+            f"{path} cannot be opened by Blender {bpy.app.version_string}, it may be damaged or half copied: {reason}"
         ) from error
     version = tuple(bpy.data.version)
     if version[:2] > bpy.app.version[:2]:

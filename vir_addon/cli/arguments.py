@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import enum
+from functools import partial
 from pathlib import Path
 
 from .. import __version__
@@ -44,6 +46,14 @@ def parse_names(text: str) -> tuple[str, ...]:
     return names
 
 
+def _parse_choice(choices: type[enum.Enum], text: str) -> enum.Enum:
+    try:
+        return choices(text)
+    except ValueError:
+        # argparse would name the Python class
+        raise argparse.ArgumentTypeError(f"{text!r} is none of {', '.join(choice.value for choice in choices)}") from None
+
+
 def make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m vir_addon", description="Soft-shadow passes, one per light, from a .blend.", epilog=EXIT_STATUS_TEXT
@@ -82,16 +92,14 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--lights", type=parse_names, metavar="Key,Fill", help="only these lights; default: all")
     parser.add_argument(
         "--method",
-        type=Method,
-        choices=list(Method),
+        type=partial(_parse_choice, Method),
         default=defaults.method,
         metavar="auto|mvr|ivir",
         help="how depth maps are made; auto (default) picks the cheaper",
     )
     parser.add_argument(
         "--points",
-        type=PointStorage,
-        choices=list(PointStorage),
+        type=partial(_parse_choice, PointStorage),
         default=defaults.points,
         metavar="buffered|bufferless",
         help="whether ivir keeps its points between batches (default) or makes them anew",
