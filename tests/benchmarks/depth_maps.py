@@ -82,11 +82,11 @@ class Bench:
         self.scene_data = SceneData(snapshot, device)
         eye = EyePass(snapshot, self.scene_data, device, bounds, np.zeros((1, 2)))
         device.run(eye.render, 0)
-        receivers_ws = select_receivers(device.read(eye.positions), device.read(eye.normals), self.light)
+        receivers = select_receivers(device.read(eye.positions), device.read(eye.normals), self.light)
         eye.release()
         self.samples_m = area_light_samples(self.light, view_count)
         self.culled = cullable_instances(snapshot, bounds, light_hull(self.light, self.samples_m))
-        faces, _ = fit_light(snapshot, self.light, self.samples_m, bounds, receivers_ws, resolution_px)
+        faces, _ = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, resolution_px)
         self.fitted: FittedFace = faces[0]
         self.maps = DepthMaps(device, resolution_px, resolution_px, min(MAX_BATCH_VIEWS, view_count))
 

@@ -22,7 +22,6 @@ from vir_addon.core.settings import Method, Settings  # noqa: E402
 from vir_addon.device.open import open_device  # noqa: E402
 
 WIDTH_PX, HEIGHT_PX = 60, 20
-MIDDLE_ROWS = slice(8, 12)
 WIDTH_M = 6.0
 LIGHT_SIZE_M, LIGHT_HEIGHT_M, EDGE_HEIGHT_M = 2.0, 4.0, 2.0
 
@@ -91,7 +90,7 @@ def test_a_penumbra_is_where_the_integral_says(scene, method):
         images = run(LayerJob(snapshot, work), device).images
     finally:
         device.close()
-    profile = images["VIR Shadow Key"][MIDDLE_ROWS].mean(axis=0)
+    profile = images["VIR Shadow Key"].mean(axis=0)
     assert profile[:15].max() <= 0.01
     assert profile[-15:].min() >= 0.99
     assert np.sqrt(((profile - expected_profile()) ** 2).mean()) <= 0.015
@@ -116,7 +115,7 @@ def test_the_command_line_plans_and_renders(scene, tmp_path: Path, capsys):
     with OpenEXR.File(str(output / "scene_0001.exr")) as file:
         pixels = file.channels()["ViewLayer.VIR Shadow Key.V"].pixels
     assert pixels.shape == (HEIGHT_PX, WIDTH_PX)
-    assert pixels[MIDDLE_ROWS, :15].max() <= 0.01 and pixels[MIDDLE_ROWS, -15:].min() >= 0.99
+    assert pixels[:, :15].max() <= 0.01 and pixels[:, -15:].min() >= 0.99
     (made,) = json.loads(statistics.read_text())["frames"][0]["view_layers"]["ViewLayer"]["passes"]
     assert made["view_count"] == 16
 

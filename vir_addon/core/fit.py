@@ -16,7 +16,9 @@ from .scene import Light, SceneSnapshot
 from .views import MAX_SINGLE_FACE_TANGENT, NEAR_SHARE_OF_FAR, Face, FaceViews, area_light_faces, fit_windows, light_axes
 
 MAX_RECEIVER_POINTS = 16384
-RECEIVER_MARGIN = 0.02
+RECEIVER_MARGIN_PX = 5.0
+"""Filters reach 1.5 pixels to each side, and perspective may make the outermost pixels cover more than the mean."""
+MIN_RECEIVER_MARGIN = 0.02
 """Windows are wider than the receivers seen first by this share: later eye samples shift by parts of a pixel and see a little more."""
 NOTHING = np.array([1.0, -1.0, 1.0, -1.0])
 """bounds (left, right, bottom, top) that hold no point"""
@@ -51,11 +53,20 @@ def light_casters(snapshot: SceneSnapshot, light: Light) -> np.ndarray:
     return np.flatnonzero(mask)
 
 
-def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -> np.ndarray:
-    """Visible points that the light can reach: before its plane and (by either normal) turned towards some of it.
+@dataclass(frozen=True)
+class Receivers:
+    """Visible surfaces that a light can reach."""
 
-    positions, normals: the G-buffer's textures, (height, width, 4). Returns (n, 3) float64 world space: a regular subset
-    and, in slices of depth, the outermost points, which decide the windows.
+    points_ws: np.ndarray
+    """(n, 3) float64: a regular subset and, in slices of depth, the outermost points, which decide the windows"""
+    margin: float
+    """share by which windows are wider than these points: later eye samples are offset by parts of a pixel and see more"""
+
+
+def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -> Receivers:
+    """What of an eye G-buffer lies before the light's plane and is (by either normal) turned towards some of it.
+
+    positions, normals: the G-buffer's textures, (height, width, 4).
     """
     surface = positions[..., 3] >= 0
     if light.receivers is not None:
@@ -69,22 +80,31 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -
     # may lean towards the light by as much again, so surfaces turned away by a little are kept
     turned = np.einsum("ij,ij->i", normal @ axes.T, -p) > -half - 0.5 * np.linalg.norm(p, axis=1)
     reach = (p[:, 2] > 0) & turned
+    margin = _margin(surface, reach)
     points, p = points[reach], p[reach]
     if len(points) <= MAX_RECEIVER_POINTS:
-        return points
+        return Receivers(points, margin)
     chosen = [np.arange(0, len(points), -(-len(points) // MAX_RECEIVER_POINTS))]
     tangents = p[:, :2] / p[:, 2:]
     slices = np.argsort(p[:, 2], kind="stable")
     for part in np.array_split(slices, 32):
         chosen += [part[tangents[part].argmin(axis=0)], part[tangents[part].argmax(axis=0)], part[[0, -1]]]
-    return points[np.unique(np.concatenate(chosen))]
+    return Receivers(points[np.unique(np.concatenate(chosen))], margin)
+
+
+def _margin(surface: np.ndarray, reach: np.ndarray) -> float:
+    """In a small picture, or one that shows little of what is lit, a pixel is a large share of the window."""
+    rows, columns = (index[reach] for index in np.nonzero(surface))
+    if not len(rows):
+        return MIN_RECEIVER_MARGIN
+    return max(MIN_RECEIVER_MARGIN, RECEIVER_MARGIN_PX / (min(np.ptp(rows), np.ptp(columns)) + 1))
 
 
 def needs_cube(light: Light, receivers_ws: np.ndarray, samples_m: np.ndarray) -> bool:
     """Whether one frustum of at most 100 degrees leaves out a receiver, seen from any light sample."""
     p = (receivers_ws - light.world_from_light[:3, 3]) @ light_axes(light).T
     reach = np.abs(p[:, :2]) + np.abs(samples_m).max(axis=0)
-    return bool((reach > MAX_SINGLE_FACE_TANGENT * (1 - RECEIVER_MARGIN) * p[:, 2:]).any())
+    return bool((reach > MAX_SINGLE_FACE_TANGENT * (1 - MIN_RECEIVER_MARGIN) * p[:, 2:]).any())
 
 
 def _shadows_nothing(
@@ -169,23 +189,23 @@ def _union(bounds: np.ndarray) -> np.ndarray:
 
 
 def fit_face(
-    face: Face, light: Light, samples_m: np.ndarray, casters: CasterSet, receivers_ws: np.ndarray, resolution_px: int
+    face: Face, light: Light, samples_m: np.ndarray, casters: CasterSet, receivers: Receivers, resolution_px: int
 ) -> FittedFace | None:
     """Windows of all views of a face. None when the face holds no receiver; without casters when nothing in it is shadowed."""
     rotation, center = face.face_from_world, light.world_from_light[:3, 3]
     centers_fs = samples_m @ light.world_from_light[:3, :2].T @ rotation.T
     hull_fs = (light_hull(light, samples_m) - center) @ rotation.T
-    receivers = (receivers_ws - center) @ rotation.T
-    far_m = float(receivers[:, 2].max() - hull_fs[:, 2].min())
+    points = (receivers.points_ws - center) @ rotation.T
+    far_m = float(points[:, 2].max() - hull_fs[:, 2].min())
     if far_m <= 0:
         return None
-    in_face = np.zeros(len(receivers), bool)
+    in_face = np.zeros(len(points), bool)
     for corner in hull_fs:
-        in_face |= ~_is_empty(_tangent_bounds((receivers - corner)[:, None], NEAR_SHARE_OF_FAR * far_m, face.limits))
+        in_face |= ~_is_empty(_tangent_bounds((points - corner)[:, None], NEAR_SHARE_OF_FAR * far_m, face.limits))
     if not in_face.any():
         return None
-    receivers = receivers[in_face]
-    far_m = float(receivers[:, 2].max() - hull_fs[:, 2].min()) * (1 + RECEIVER_MARGIN)
+    points = points[in_face]
+    far_m = float(points[:, 2].max() - hull_fs[:, 2].min()) * (1 + min(receivers.margin, 1.0))
     near_m = NEAR_SHARE_OF_FAR * far_m
 
     corners = (casters.corners_ws - center) @ rotation.T
@@ -195,7 +215,7 @@ def fit_face(
     windows = np.zeros((len(eyes), 4))
     nearest_m = np.inf
     for index, eye in enumerate(eyes):
-        received = _with_margin(_union(_tangent_bounds((receivers - eye)[:, None], near_m, face.limits)), face.limits)
+        received = _with_margin(_union(_tangent_bounds((points - eye)[:, None], near_m, face.limits)), receivers.margin, face.limits)
         shadowing = _intersect(_tangent_bounds(corners - eye, near_m, face.limits), received)
         depth = (corners[..., 2] - eye[2]).min(axis=-1)
         shadowing[depth >= far_m] = NOTHING
@@ -213,11 +233,11 @@ def fit_face(
     return FittedFace(views, casters.indices[needed], seen[:, needed], float(nearest_m))
 
 
-def _with_margin(bounds: np.ndarray, limits: tuple[float, float, float, float]) -> np.ndarray:
-    """Grown by RECEIVER_MARGIN on every side, within the limits; empty bounds stay empty."""
+def _with_margin(bounds: np.ndarray, margin: float, limits: tuple[float, float, float, float]) -> np.ndarray:
+    """Grown by the share `margin` on every side, within the limits; empty bounds stay empty."""
     if _is_empty(bounds):
         return bounds
-    x, y = RECEIVER_MARGIN * (bounds[1] - bounds[0]), RECEIVER_MARGIN * (bounds[3] - bounds[2])
+    x, y = margin * (bounds[1] - bounds[0]), margin * (bounds[3] - bounds[2])
     return _intersect(bounds + np.array([-x, x, -y, y]), np.array(limits))
 
 
@@ -228,12 +248,12 @@ def _face_without_casters(face: Face, centers_fs: np.ndarray, samples_m: np.ndar
 
 
 def fit_light(
-    snapshot: SceneSnapshot, light: Light, samples_m: np.ndarray, bounds: SceneBounds, receivers_ws: np.ndarray, resolution_px: int
+    snapshot: SceneSnapshot, light: Light, samples_m: np.ndarray, bounds: SceneBounds, receivers: Receivers, resolution_px: int
 ) -> tuple[list[FittedFace], bool]:
     """All faces of a light that hold receivers, and whether it took a cube."""
-    if not len(receivers_ws):
+    if not len(receivers.points_ws):
         return [], False
-    cube = needs_cube(light, receivers_ws, samples_m)
-    casters = shadowing_casters(snapshot, light, bounds, receivers_ws, samples_m)
-    faces = (fit_face(face, light, samples_m, casters, receivers_ws, resolution_px) for face in area_light_faces(light, cube))
+    cube = needs_cube(light, receivers.points_ws, samples_m)
+    casters = shadowing_casters(snapshot, light, bounds, receivers.points_ws, samples_m)
+    faces = (fit_face(face, light, samples_m, casters, receivers, resolution_px) for face in area_light_faces(light, cube))
     return [face for face in faces if face is not None], cube
