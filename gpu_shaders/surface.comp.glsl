@@ -47,12 +47,12 @@ void main() {
         imageStore(normals, pixel, vec4(0.0));
         return;
     }
-    // the ray through the pixel's (shifted) centre: eye[0..3] = corner, along a row, along a column, constant part
+    // the ray through the pixel's (shifted) centre: to the corner, along a row, along a column, eye
     vec2 at = vec2(pixel) + 0.5;
-    vec3 plane_point = eye[0].xyz + at.x * eye[1].xyz + at.y * eye[2].xyz;
+    vec3 to_plane = eye[0].xyz + at.x * eye[1].xyz + at.y * eye[2].xyz;
     bool orthographic = eye[3].w > 0.5;
-    vec3 origin = orthographic ? plane_point : eye[3].xyz;
-    vec3 direction = orthographic ? eye[4].xyz : plane_point - eye[3].xyz;
+    vec3 origin = orthographic ? eye[3].xyz + to_plane : eye[3].xyz;
+    vec3 direction = orthographic ? eye[4].xyz : to_plane;
 
     InstanceData instance = load_instance(int(seen.x) - 1);
     TriangleData triangle = load_triangle(instance, int(seen.y));

@@ -59,7 +59,7 @@ SURFACE = ComputeDeclaration(
         "sample_x": Constant("int", "which of them, counted from the pixel's first; may be a neighbour's"),
         "sample_y": Constant("int", "the same in y"),
     },
-    tables={"eye": Table(5, "point of the image plane at pixel (0, 0), steps per pixel in x and y, eye (w: orthographic), direction")},
+    tables={"eye": Table(5, "from the eye to the image plane at pixel (0, 0), steps a pixel in x and y, eye (w: orthographic), direction")},
     defines=SCENE_DEFINES,
 )
 
@@ -161,7 +161,8 @@ class EyePass:
         step_x, step_y = (right - left) / width, (top - bottom) / height
         rotation, eye = self.camera.world_from_view[:3, :3], self.camera.world_from_view[:3, 3]
         plane_z = 0.0 if self.camera.is_orthographic else -1.0
-        corner = eye + rotation @ [left + step_x * offset_px[0], bottom + step_y * offset_px[1], plane_z]
+        # from the eye: near 1 m off, it would drown in the rounding of an eye that stands kilometres from the origin
+        corner = rotation @ [left + step_x * offset_px[0], bottom + step_y * offset_px[1], plane_z]
         table = np.zeros((5, 4))
         table[:, :3] = corner, rotation[:, 0] * step_x, rotation[:, 1] * step_y, eye, -rotation[:, 2]
         table[3, 3] = self.camera.is_orthographic

@@ -1,0 +1,161 @@
+"""The command line as a farm sees it: files, channels, exit statuses, and nothing half-written."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+OpenEXR = pytest.importorskip("OpenEXR")
+
+TIMEOUT_S = 120
+SIZE = ("--resolution", "64x36", "--views", "8", "--map-resolution", "128")
+
+
+def build(path, *, camera=True, light=True):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+
+    def put(name, data, location, rotation=(0.0, 0.0, 0.0)):
+        made = bpy.data.objects.new(name, data)
+        made.location, made.rotation_euler = location, rotation
+        scene.collection.objects.link(made)
+        return made
+
+    for name, half, height in (("Floor", 4.0, 0.0), ("Board", 0.6, 1.0)):
+        mesh = bpy.data.meshes.new(name)
+        mesh.from_pydata([(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)], [], [(0, 1, 2, 3)])
+        put(name, mesh, (0, 0, height))
+    if light:
+        area = bpy.data.lights.new("Key.001", "AREA")
+        area.energy, area.size = 200.0, 1.0
+        put("Key.001", area, (0, 0, 4))
+    if camera:
+        scene.camera = put("Camera", bpy.data.cameras.new("Camera"), (0, -7, 4), (1.05, 0, 0))
+    scene.view_layers.new("Second.Layer")
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("command line")
+
+
+@pytest.fixture(scope="module")
+def blend(folder):
+    path = folder / "still.life.blend"
+    build(path)
+    return path
+
+
+def vir(*arguments, **keywords):
+    command = [sys.executable, "-m", "vir_addon", *map(str, arguments)]
+    environment = {**os.environ, "COLUMNS": "200", **keywords.pop("environment", {})}
+    return subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False, env=environment, **keywords)
+
+
+@pytest.fixture(scope="module")
+def rendered(blend, folder):
+    output = folder / "new" / "passes"
+    done = vir("render", blend, "--output", output, *SIZE, "--frames", "1-3:2", "--preview", "--stats", folder / "stats.json")
+    assert done.returncode == 0, done.stderr
+    return output
+
+
+def test_render_writes_what_it_promises(rendered):
+    names = sorted(path.name for path in rendered.iterdir())
+    assert [name for name in names if name.endswith(".exr")] == ["still.life_0001.exr", "still.life_0003.exr"]
+    assert sum(name.endswith(".png") for name in names) >= 2
+    assert not [name for name in names if name.startswith(".")]
+    with OpenEXR.File(str(rendered / "still.life_0001.exr"), separate_channels=True) as file:
+        assert len(file.parts) == 1
+        channels = file.parts[0].channels
+        layers = ("ViewLayer", "Second_Layer")
+        assert set(channels) == {f"{layer}.VIR Shadow{light}.V" for layer in layers for light in ("", " Key_001")}
+        image = channels["ViewLayer.VIR Shadow Key_001.V"].pixels
+    assert image.dtype == np.float32 and image.shape == (36, 64)
+    assert image.min() < 0.1 and image.max() == 1
+
+
+def test_statistics_are_complete(rendered, folder):
+    stats = json.loads((folder / "stats.json").read_text())
+    assert [frame["frame"] for frame in stats["frames"]] == [1, 3]
+    layer = stats["frames"][0]["view_layers"]["ViewLayer"]
+    assert (layer["object_count"], layer["instance_count"]) == (2, 2)
+    assert (layer["unique_triangle_count"], layer["instanced_triangle_count"]) == (4, 4)
+    assert "OpenGL" in layer["device"]
+    assert {"extract", "upload", "eye G-buffer", "points", "splat or raster", "resolve", "read-back", "write"} <= set(
+        layer["total_stage_ms"]
+    )
+    (made,) = layer["passes"]
+    assert (made["light_name"], made["view_count"], made["map_resolution_px"]) == ("Key.001", 8, 128)
+    assert made["method"].startswith(("mvr", "ivir")) and made["error_estimate"] > 0 and "point_count" in made
+
+
+def test_plan_says_why_and_does_nothing(blend, folder):
+    before = sorted(folder.rglob("*"))
+    done = vir("plan", blend)
+    assert done.returncode == 0 and "Key.001" in done.stdout and "rectangle" in done.stdout
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_doctor():
+    done = vir("doctor")
+    assert done.returncode == 0
+    for word in ("bpy", "moderngl", "textures up to", "shaders"):
+        assert word in done.stdout
+
+
+def test_exit_statuses(blend, folder):
+    no_camera, dark, broken = folder / "no camera.blend", folder / "dark.blend", folder / "broken.blend"
+    build(no_camera, camera=False)
+    build(dark, light=False)
+    broken.write_bytes(b"not a blend")
+    cases = [
+        (2, "no light named 'Sun'", ("render", blend, "--output", folder / "x", "--lights", "Sun")),
+        (2, "is none of auto, mvr, ivir", ("render", blend, "--output", folder / "x", "--method", "magic")),
+        (2, "required", ("render", blend)),
+        (2, "views must be", ("plan", blend, "--views", "0")),
+        (3, "is not there", ("render", folder / "missing.blend", "--output", folder / "x")),
+        (3, "not a .blend", ("plan", broken)),
+        (3, "camera", ("plan", no_camera)),
+        (3, "no light", ("render", dark, "--output", folder / "x")),
+    ]
+    for status, words, arguments in cases:
+        done = vir(*arguments)
+        assert (done.returncode, words in done.stderr) == (status, True), (arguments, done.stdout, done.stderr)
+        assert "Traceback" not in done.stderr
+    assert not list(folder.glob("x/*"))
+
+
+def test_no_usable_device(blend, folder):
+    """EGL finds no driver: an empty list of vendors."""
+    hidden = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/dev/null", "EGL_PLATFORM": "surfaceless"}
+    done = vir("render", blend, "--output", folder / "y", *SIZE, environment=hidden)
+    assert done.returncode == 4, (done.stdout, done.stderr)
+    assert "install" in done.stderr and "Traceback" not in done.stderr
+    assert not list(folder.glob("y/*"))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no SIGINT for other processes")
+def test_ctrl_c_leaves_no_half_written_files(blend, folder):
+    output = folder / "stopped"
+    command = [sys.executable, "-m", "vir_addon", "render", str(blend), "--output", str(output), "--frames", "1-500", *SIZE]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + TIMEOUT_S
+        while not list(output.glob("*.exr")):
+            assert process.poll() is None and time.monotonic() < deadline
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=TIMEOUT_S)
+    assert process.returncode == 130, errors
+    assert "Traceback" not in errors
+    assert {path.suffix for path in output.iterdir()} == {".exr"}
+    for path in output.iterdir():
+        with OpenEXR.File(str(path)) as file:
+            assert file.parts

@@ -1,0 +1,167 @@
+"""Points against rasterized triangles, map by map: what is missed, what stands too deep, and the pass that comes of it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from tests.scenes import (
+    area_light,
+    box,
+    bumpy_sphere,
+    floor,
+    leaves,
+    perspective_camera,
+    prepared_renderer,
+    rectangle,
+    render_pass,
+    rmse,
+    snapshot,
+)
+from vir_addon.core.passes.shadow_maps import DepthMaps
+from vir_addon.core.settings import Method, PointStorage
+from vir_addon.device.interface import EMPTY_DEPTH_BITS
+
+WIDTH, HEIGHT = 240, 135
+MAP_PX = 512
+
+
+def sphere_scene():
+    meshes = [bumpy_sphere("sphere", (0.0, 0.0, 1.2), 1.0, 224), floor(4.0)]
+    return meshes, area_light(eye=(2.0, -2.0, 5.0), target=(0.0, 0.0, 1.0))
+
+
+def room_scene():
+    meshes = [
+        floor(3.0),
+        box("table", (0.3, 0.0, 0.8), (0.9, 0.5, 0.03), turn_rad=0.3),
+        box("leg", (0.0, 0.2, 0.4), (0.05, 0.05, 0.4)),
+        rectangle("board near the light", (-0.8, -0.4, 2.9), (0.7, 0.1, -0.4), (0.1, 0.9, 0.1)),
+        rectangle("slanted", (0.6, -0.9, 0.2), (0.5, 0.0, 1.4), (0.1, 0.4, 0.2)),
+    ]
+    return meshes, area_light(eye=(0.0, 0.0, 3.5), target=(0.0, 0.1, 0.0), size_m=(0.6, 0.6))
+
+
+def leaves_scene():
+    meshes = [leaves("leaves", (0.0, 0.0, 1.4), 1.6, 3_000, 0.08), floor(4.0)]
+    return meshes, area_light(eye=(0.5, -0.5, 6.0), target=(0.5, -0.5, 0.0))
+
+
+SCENES = {"sphere": sphere_scene, "room": room_scene, "leaves": leaves_scene}
+
+
+def made(name):
+    meshes, light = SCENES[name]()
+    camera = perspective_camera((0.5, -5.0, 3.5), (0.0, 0.0, 0.8), WIDTH, HEIGHT)
+    return snapshot(meshes, [light], camera, WIDTH, HEIGHT)
+
+
+def first_maps(scene, device, selected, **settings):
+    """Depths (view, row, column) of some views, infinite where nothing is, and a texel's side over depth."""
+    with prepared_renderer(scene, device, map_resolution_px=MAP_PX, view_count=64, **settings) as renderer:
+        (work,) = renderer.works
+        ((fitted, _, method),) = work.faces
+        maps = DepthMaps(device, fitted.views.map_width_px, fitted.views.map_height_px, len(selected))
+        method.fill(maps, selected)
+        bits = device.run(device.read, maps.texture)
+        device.run(maps.release)
+        depth = np.where(bits == EMPTY_DEPTH_BITS, np.inf, bits.view(np.float32))
+        return depth.reshape(len(selected), MAP_PX, MAP_PX), max(fitted.views.texel_tangent)
+
+
+def off_silhouette(depth, footprint):
+    """Texels whose eight neighbours are covered and about as deep: no outline within a texel."""
+    covered = np.isfinite(depth)
+    inside = ndimage.binary_erosion(covered, np.ones((3, 3)), border_value=1)
+    filled = np.where(covered, depth, 1e9)
+    spread = ndimage.maximum_filter(filled, 3) - ndimage.minimum_filter(filled, 3)
+    return inside & (spread < 64 * footprint * filled)
+
+
+@pytest.mark.parametrize("storage", PointStorage)
+@pytest.mark.parametrize("name", SCENES)
+def test_maps_have_no_holes(device, name, storage):
+    scene, selected = made(name), range(0, 4)
+    truth, footprint = first_maps(scene, device, selected, method=Method.MVR)
+    for culling, may_miss in ((False, 0.001), (True, 0.003)):
+        points, _ = first_maps(scene, device, selected, method=Method.IVIR, points=storage, stochastic_culling=culling)
+        missed = deeper = counted = 0
+        for true_view, view in zip(truth, points, strict=True):
+            # leaves are outlines everywhere
+            counts = np.isfinite(true_view) if name == "leaves" else off_silhouette(true_view, footprint)
+            counted += counts.sum()
+            missed += (counts & ~np.isfinite(view)).sum()
+            deeper += (counts & (view > true_view * (1 + 4 * footprint)) & np.isfinite(view)).sum()
+        assert counted > 0.05 * truth.size
+        print(f"{name} {storage.value} culling {culling}: missed {missed / counted:.5f}, deeper {deeper / counted:.5f} of {counted}")
+        assert missed / counted <= may_miss
+        assert deeper / counted <= 0.003 if name != "leaves" else deeper / counted <= 0.02
+
+
+@pytest.mark.parametrize("name", ["sphere", "room"])
+def test_passes_agree(device, name):
+    scene = made(name)
+    images = {
+        method: render_pass(scene, device, method=method, view_count=64, map_resolution_px=1024) for method in (Method.MVR, Method.IVIR)
+    }
+    assert (images[Method.MVR] < 0.9).mean() > 0.05
+    error = rmse(images[Method.MVR], images[Method.IVIR])
+    print(f"{name}: RMSE {error:.5f}")
+    assert error <= 0.01
+
+
+def test_every_view_of_a_batch_is_served(device):
+    """The last views as well as the first ones."""
+    scene = made("room")
+    truth, _ = first_maps(scene, device, range(56, 64), method=Method.MVR)
+    points, _ = first_maps(scene, device, range(56, 64), method=Method.IVIR)
+    covered = np.isfinite(truth)
+    assert (covered & ~np.isfinite(points)).sum() <= 0.001 * covered.sum()
+
+
+def test_portions_make_the_same_picture(device):
+    """Also a single triangle that fills the buffer several times."""
+    scene = made("room")
+    arguments = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": 512, "cull_hidden_points": False}
+    whole = render_pass(scene, device, **arguments)
+    with prepared_renderer(scene, device, point_buffer_mib=1, **arguments) as renderer:
+        assert renderer.works[0].statistics.portion_count > 3
+    np.testing.assert_array_equal(render_pass(scene, device, point_buffer_mib=1, **arguments), whole)
+    np.testing.assert_array_equal(render_pass(scene, device, points=PointStorage.BUFFERLESS, **arguments), whole)
+
+
+def test_many_small_triangles_in_portions_make_the_same_picture(device):
+    scene = made("leaves")
+    arguments = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": 512, "cull_hidden_points": False}
+    whole = render_pass(scene, device, **arguments)
+    np.testing.assert_array_equal(render_pass(scene, device, point_buffer_mib=1, **arguments), whole)
+    np.testing.assert_array_equal(render_pass(scene, device, points=PointStorage.BUFFERLESS, **arguments), whole)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_dropping_hidden_points_changes_little(device, name):
+    scene = made(name)
+    arguments = {"method": Method.IVIR, "view_count": 64, "map_resolution_px": 512}
+    kept, all_points = (render_pass(scene, device, cull_hidden_points=dropped, **arguments) for dropped in (True, False))
+    assert rmse(kept, all_points) <= 0.005
+
+
+@pytest.mark.parametrize("method", [Method.MVR, Method.IVIR])
+def test_order_of_objects_and_triangles_does_not_matter(device, method):
+    """With triangles so small that stochastic culling decides by their hashes."""
+    meshes, light = leaves_scene()
+    meshes = [leaves("leaves", (0.0, 0.0, 1.4), 1.6, 30_000, 0.01), bumpy_sphere("sphere", (0.6, 0.4, 0.9), 0.5, 150), meshes[1]]
+    camera = perspective_camera((0.5, -5.0, 3.5), (0.0, 0.0, 0.8), WIDTH, HEIGHT)
+    arguments = {"method": method, "view_count": 16, "map_resolution_px": 256}
+    first = render_pass(snapshot(meshes, [light], camera, WIDTH, HEIGHT, stable_ids=[11, 22, 33]), device, **arguments)
+    generator = np.random.default_rng(3)
+    shuffled = [
+        dataclasses.replace(mesh, triangles=mesh.triangles[generator.permutation(len(mesh.triangles))])
+        for mesh in (meshes[2], meshes[0], meshes[1])
+    ]
+    second_scene = snapshot(shuffled, [light], camera, WIDTH, HEIGHT, stable_ids=[33, 11, 22])
+    if method is Method.IVIR:
+        with prepared_renderer(second_scene, device, **arguments) as renderer:
+            assert sum(maps.culled_triangle_count for _, _, maps in renderer.works[0].faces if maps) > 1000
+    np.testing.assert_array_equal(render_pass(second_scene, device, **arguments), first)
