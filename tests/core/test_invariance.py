@@ -11,6 +11,7 @@ from vir_addon.core.settings import Method
 
 WIDTH, HEIGHT = 120, 68
 TOLERANCE = 1 / 255
+VIEWS = 16
 
 
 def still_life():
@@ -42,23 +43,23 @@ def assert_same_pictures(first, second, method):
     assert list(first) == list(second)
     for name, image in first.items():
         difference = np.abs(image - second[name])
-        # a lattice of points may start another cell where a size is rounded the other way: one view of one pixel in a thousand
+        # where a size is rounded the other way a lattice of points starts another cell: one sample of one pixel in a thousand flips
         assert np.quantile(difference, 1.0 if method is Method.MVR else 0.999) <= TOLERANCE, name
-        assert difference.max() <= 0.02, name
+        assert difference.max() <= 1.2 / VIEWS, name
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("factor", [1e-3, 1e3])
 def test_another_unit_is_the_same_picture(device, method, factor):
     scene = still_life()
-    arguments = {"method": method, "view_count": 16, "map_resolution_px": 512, "stochastic_culling": False}
+    arguments = {"method": method, "view_count": VIEWS, "map_resolution_px": 512, "stochastic_culling": False}
     assert_same_pictures(render_passes(scene, device, **arguments), render_passes(scaled(scene, factor), device, **arguments), method)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_another_origin_is_the_same_picture(device, method):
     scene = still_life()
-    arguments = {"method": method, "view_count": 16, "map_resolution_px": 512}
+    arguments = {"method": method, "view_count": VIEWS, "map_resolution_px": 512}
     assert_same_pictures(
         render_passes(scene, device, **arguments),
         render_passes(moved(scene, np.array([3.0, -5.0, 2.0])), device, **arguments),
@@ -68,6 +69,6 @@ def test_another_origin_is_the_same_picture(device, method):
 
 def test_two_runs_have_the_same_bits(device):
     for method in METHODS:
-        first, second = (render_passes(still_life(), device, method=method, view_count=16, map_resolution_px=512) for _ in range(2))
+        first, second = (render_passes(still_life(), device, method=method, view_count=VIEWS, map_resolution_px=512) for _ in range(2))
         for name in first:
             np.testing.assert_array_equal(first[name], second[name])
