@@ -241,6 +241,20 @@ def test_animated_and_deformed_meshes_are_those_of_the_frame(scene, add, take):
     assert bounds_ws(taken, "Bent")[1, 2] == pytest.approx(3.0, abs=1e-4)
 
 
+def test_mesh_in_edit_mode_is_there_as_edited(add, take):
+    """Files are often saved in edit mode; the evaluated mesh has no polygons of its own then."""
+    cube = add.cube("Cube")
+    bpy.context.view_layer.objects.active = cube
+    bpy.ops.object.mode_set(mode="EDIT")
+    try:
+        assert take().instanced_triangle_count == 12
+        bpy.ops.mesh.select_all(action="SELECT")
+        bpy.ops.mesh.subdivide()
+        assert take().instanced_triangle_count == 48
+    finally:
+        bpy.ops.object.mode_set(mode="OBJECT")
+
+
 def test_armature_deforms(scene, add, take):
     bpy.ops.object.armature_add()
     armature = bpy.context.object

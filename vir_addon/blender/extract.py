@@ -66,7 +66,7 @@ def _walk(depsgraph: bpy.types.Depsgraph) -> tuple[SurfaceRows, list[LightRow], 
     is_viewport = depsgraph.mode == "VIEWPORT"
     hidden_uids = _not_in_rendered_collections(depsgraph.view_layer) if is_viewport else frozenset()
     objects = ObjectTable(depsgraph.view_layer_eval, hidden_uids)
-    surfaces = SurfaceRows(objects, prefers_to_mesh=is_viewport)
+    surfaces = SurfaceRows(objects, is_viewport=is_viewport)
     light_rows: list[LightRow] = []
     left_out: list[LeftOut] = []
     uses_portals = engine_of(depsgraph.scene) == "CYCLES"

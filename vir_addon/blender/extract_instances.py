@@ -99,8 +99,8 @@ class SurfaceRows:
     """Grows by one row for every mesh that the iterator shows."""
 
     objects: ObjectTable
-    prefers_to_mesh: bool = False
-    """a viewport depsgraph: meshes in edit mode and those subdivided on the GPU are complete only through `to_mesh`"""
+    is_viewport: bool = False
+    """a viewport depsgraph: meshes subdivided on the GPU are complete only through `to_mesh`"""
     meshes: list[Mesh | None] = field(default_factory=list)
     left_out: list[LeftOut] = field(default_factory=list)
     _mesh_of_address: dict[int, int] = field(default_factory=dict)
@@ -135,7 +135,8 @@ class SurfaceRows:
         index = self._mesh_of_address.get(address)
         if index is None:
             index = self._mesh_of_address[address] = len(self.meshes)
-            if self.prefers_to_mesh and (shown.mode == "EDIT" or (shown.modifiers and shown.modifiers[-1].type == "SUBSURF")):
+            # in edit mode the evaluated data is a wrapper without polygons, in a render's depsgraph too
+            if shown.mode == "EDIT" or (self.is_viewport and shown.modifiers and shown.modifiers[-1].type == "SUBSURF"):
                 extracted = extract_mesh(shown.to_mesh(), shown.data.name)
                 shown.to_mesh_clear()
             else:
