@@ -46,6 +46,8 @@ MAX_SMALL_CELLS = 32
 """both as in generate_points.comp.glsl"""
 TEXELS_PER_TILE = 2
 """of a part as well"""
+WORTHWHILE_SHARE_KEPT = 0.8
+"""Kept points are in the order in which invocations finished, which costs the maps' locality: replaying 95 % of them took 18 % longer."""
 MAX_CUTS = 6
 """A part that touches the light asks for any number of points; six cuts into 8 x 8 make enough."""
 BYTES_PER_POINT = 16
@@ -336,8 +338,13 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
             face=self.face_table,
             point_count=self.buffered_point_count,
         )
+        self.kept_point_count = int(self.device.read(self.counters)[0, 0])
+        if self.kept_point_count > WORTHWHILE_SHARE_KEPT * self.buffered_point_count:
+            kept.release()
+            self.kept_point_count = self.buffered_point_count
+            return
         self.points.replace_by(kept)
-        self.kept_point_count = self.buffered_point_count = int(self.device.read(self.counters)[0, 0])
+        self.buffered_point_count = self.kept_point_count
 
     def release(self) -> None:
         self._cleanup.close()
