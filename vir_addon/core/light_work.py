@@ -74,10 +74,10 @@ class LightWork:
         self.reference_m = 1.0
         """distance at which the light delivers 1 in the running sums, which keeps them near 1 in scenes of any scale"""
 
-    def fit(self, snapshot: SceneSnapshot, bounds: SceneBounds, eye: EyePass, stopwatch: Stopwatch) -> None:
-        """Fit the views to the surfaces of the current eye G-buffer and make what all batches share."""
+    def fit(self, snapshot: SceneSnapshot, bounds: SceneBounds, positions: np.ndarray, normals: np.ndarray, stopwatch: Stopwatch) -> None:
+        """Fit the views to the surfaces of an eye G-buffer, (height, width, 4) each, and make what all batches share."""
         with stopwatch.stage("points"):
-            receivers = select_receivers(self.device.read(eye.positions), self.device.read(eye.normals), self.light)
+            receivers = select_receivers(positions, normals, self.light)
             fitted_faces, is_cube = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, self.planned.map_resolution_px)
             if is_cube:
                 self.resolve_flags.append("MANY_FACES")

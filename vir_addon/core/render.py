@@ -127,6 +127,9 @@ class Renderer:
             self.store = MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px)
             self._cleanup.callback(self.store.release)
         self._render_eye(0)
+        if any(planned.runs for planned in self.plan.passes):
+            with self.stopwatch.stage("read-back"):
+                positions, normals = self.device.read(self.eye.positions), self.device.read(self.eye.normals)
         for planned in self.plan.passes:
             if planned.runs:
                 work = LightWork(planned, self.plan, self.scene_data, self.store)
@@ -134,7 +137,7 @@ class Renderer:
                 self.works.append(work)
                 self.statistics.passes.append(work.statistics)
                 with self.stopwatch.billed_to(work.statistics.stage_ms):
-                    work.fit(self.snapshot, bounds, self.eye, self.stopwatch)
+                    work.fit(self.snapshot, bounds, positions, normals, self.stopwatch)
         self.statistics.passes.sort(key=lambda statistics: statistics.light_name)
 
     def _render_eye(self, batch: int) -> None:

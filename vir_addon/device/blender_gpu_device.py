@@ -263,12 +263,6 @@ class BlenderGpuDevice(Device):
             state.depth_mask_set(depth_mask)
             state.face_culling_set("NONE")
 
-    def _kernel(self, kind: type, declaration: KernelDeclaration, flags: tuple[str, ...]) -> Any:
-        key = (declaration.name, tuple(sorted(flags)))
-        if key not in self._kernels:
-            self._kernels[key] = self.run(kind, self, declaration, key[1])
-        return self._kernels[key]
-
     def compute_kernel(self, declaration: ComputeDeclaration, *flags: str) -> ComputeKernel:
         return self._kernel(BlenderComputeKernel, declaration, flags)
 

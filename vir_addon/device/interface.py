@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .declaration import ComputeDeclaration, RasterDeclaration
+from .declaration import ComputeDeclaration, KernelDeclaration, RasterDeclaration
 
 Result = TypeVar("Result")
 
@@ -119,6 +119,8 @@ class Device(abc.ABC):
     description: str
     """renderer and driver, as the driver names itself"""
     max_texture_size_px: int
+    _kernels: dict[tuple[str, tuple[str, ...]], Any]
+    """by declaration name and sorted flags"""
 
     @abc.abstractmethod
     def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
@@ -144,6 +146,13 @@ class Device(abc.ABC):
 
     @abc.abstractmethod
     def raster_kernel(self, declaration: RasterDeclaration, *flags: str) -> RasterKernel: ...
+
+    def _kernel(self, kind: type, declaration: KernelDeclaration, flags: tuple[str, ...]) -> Any:
+        """The variant's kernel of the backend's class `kind`, made when it is first asked for."""
+        key = (declaration.name, tuple(sorted(flags)))
+        if key not in self._kernels:
+            self._kernels[key] = self.run(kind, self, declaration, key[1])
+        return self._kernels[key]
 
     @abc.abstractmethod
     def fill(self, texture: Texture, value: int) -> None:

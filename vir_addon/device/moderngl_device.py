@@ -210,12 +210,6 @@ class ModernglDevice(Device):
             log = str(error).strip()
             raise DeviceError(shader_source.refusal(declaration.name, log, DRIVER_LINE, stages)) from error
 
-    def _kernel(self, kind: type, declaration: KernelDeclaration, flags: tuple[str, ...]) -> Any:
-        key = (declaration.name, tuple(sorted(flags)))
-        if key not in self._kernels:
-            self._kernels[key] = self.run(kind, self, declaration, key[1])
-        return self._kernels[key]
-
     def compute_kernel(self, declaration: ComputeDeclaration, *flags: str) -> ComputeKernel:
         return self._kernel(ModernglComputeKernel, declaration, flags)
 
