@@ -1,9 +1,15 @@
 // One view of a face for the rasterizer: off-axis perspective whose window is the map's place on the texel lattice.
-#include "lib/place_vertex.glsl"
 #include "lib/face.glsl"
+#ifndef PLACED
+#include "lib/place_vertex.glsl"
+#endif
 
 void main() {
+#ifdef PLACED
+    vec3 p = position_os - view_center(view_index);
+#else
     vec3 p = face_position(place_vertex(first_instance + gl_InstanceID, position_os)) - view_center(view_index);
+#endif
     vec2 map_position = p.xy / texel_tangent - view_window(view_index) * p.z;
     vec2 clip = 2.0 * map_position / vec2(map_size) - p.z;
     float scale = 1.0 / (far_m - near_m);

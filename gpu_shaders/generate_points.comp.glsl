@@ -88,19 +88,6 @@ float spacing_for(vec2 density) {
 #endif
 }
 
-bool unseen(vec3 corners[4]) {
-    for (int i = 0; i < 6; i++) {
-        bool all_outside = true;
-        for (int k = 0; k < 4; k++) {
-            all_outside = all_outside && outside_plane(i, corners[k]);
-        }
-        if (all_outside) {
-            return true;
-        }
-    }
-    return false;
-}
-
 void append_part(int instance, int triangle, vec2 low, vec2 size) {
     uint index = imageAtomicAdd(counters, ivec2(3, 0), 1u);
     if (index < uint(part_capacity)) {
@@ -201,7 +188,7 @@ void main() {
     AlignedTriangle t = load_aligned(instance, triangle);
     bool two_sided = work.w > 0.5;
     // a triangle without area is seen by no view, and its plane is undefined
-    if (t.area <= 0.0 || !(two_sided || faces_any_view(t))) {
+    if (t.area <= 0.0 || !(two_sided || faces_any_view(t.n, t.centroid_fs))) {
         return;
     }
     vec3 bounds[4];

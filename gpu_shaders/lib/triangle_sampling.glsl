@@ -1,5 +1,5 @@
 // Sampling a triangle as in improved view-independent rasterization (Gavane & Watson 2022, section 3).
-#include "lib/face.glsl"
+#include "lib/seen_space.glsl"
 
 const float SMALL_TRIANGLE_SHARE = 0.01;  // of its depth
 
@@ -159,19 +159,4 @@ vec2 largest_density_of_rectangle(vec3 corners[4], vec3 n) {
         }
     }
     return density;
-}
-
-bool faces_any_view(AlignedTriangle t) {
-    // linear in the view's centre: testing the hull's corners is exact for every view inside
-    for (int k = 0; k < hull_count; k++) {
-        if (dot(t.n, hull[k].xyz - t.centroid_fs) > 0.0) {
-            return true;
-        }
-    }
-    return false;
-}
-
-// Whether a point is on the outer side of plane i of the space that all views see together.
-bool outside_plane(int i, vec3 p_fs) {
-    return dot(seen_space[i].xyz, p_fs) < seen_space[i].w;
 }

@@ -31,11 +31,11 @@ BASELINE = "mvr"
 
 COLUMNS = (
     Column("variant", "method"),
-    Column("points", "points", "{:,}"),
+    Column("prepared", "points or triangles", "{:,}"),
     Column("kept", "replayed", "{:,}"),
     Column("culled", "triangles culled", "{:,}"),
     Column("missed_share", "texels missed", "{:.3%}"),
-    Column("points_ms", "points, ms", "{:.0f}"),
+    Column("points_ms", "prepared, ms", "{:.0f}"),
     Column("view_ms", "a view, ms", "{:.1f}"),
     Column("total_ms", "all, ms", "{:.0f}"),
     Column("speedup", "mvr / this", "{:.2f}"),
@@ -64,7 +64,7 @@ def variants(view_count: int, resolution_px: int) -> list[Variant]:
         planned = PlannedPass("", "", True, "", method, points, view_count, resolution_px)
         return Variant(name, planned, Settings(view_count=view_count, map_resolution_px=resolution_px, **choices))
 
-    found = [variant(BASELINE, Method.MVR)]
+    found = [variant(BASELINE, Method.MVR), variant("micro", Method.MICRO)]
     for points, is_watertight, is_culled in itertools.product(PointStorage, (True, False), (True, False)):
         density, culling = "watertight" if is_watertight else "published", "culling" if is_culled else "no culling"
         name = f"ivir {points.value}, {density}, {culling}"
@@ -118,9 +118,10 @@ class Bench:
         for batch in (self.batches()[0], self.batches()[-1]):  # what the first leaves out, the last may miss
             method.fill(self.maps, batch)
         covered = self.device.read(self.maps.texture) != EMPTY_DEPTH_BITS
+        made = method.counts()
         counts = {
-            "points": method.point_count,
-            "kept": method.kept_point_count or method.point_count,
+            "prepared": sum(made.get(name, 0) for name in ("point_count", "small_triangle_count", "large_triangle_count")),
+            "kept": sum(made.get(name, 0) for name in ("kept_point_count", "kept_small_triangle_count")),
             "culled": getattr(method, "culled_triangle_count", 0),
         }
         method.release()
@@ -151,8 +152,8 @@ def measure(triangle_count: int, options: Options, device: Device) -> BenchTable
         rows.append(
             {
                 "variant": name,
-                "points": None if is_baseline else counts["points"],
-                "kept": None if is_baseline else counts["kept"],
+                "prepared": None if is_baseline else counts["prepared"],
+                "kept": None if is_baseline else counts["kept"] or counts["prepared"],
                 "culled": None if is_baseline else counts["culled"],
                 "missed_share": None if is_baseline else float(missed),
                 "points_ms": statistics.median(timing.points_ms for timing in timings[name]),
@@ -168,7 +169,7 @@ def measure(triangle_count: int, options: Options, device: Device) -> BenchTable
         compared=(
             f"Medians of {options.rounds} rounds in which all methods take turns; 'mvr / this' is the median of the rounds' ratios. "
             f"'texels missed': of the texels that mvr covers in the last {bench.maps.view_count} maps, outlines included. "
-            "'replayed': points left after the first batch of views. 'points, ms': making them once; bufferless makes them for every "
+            "'replayed': what is left after the first batch of views. 'prepared, ms': making them once; bufferless makes them for every "
             "batch, within the time of a view."
         ),
         columns=COLUMNS,

@@ -94,7 +94,7 @@ def test_statistics_are_complete(rendered, folder):
     )
     (made,) = layer["passes"]
     assert (made["light_name"], made["view_count"], made["map_resolution_px"]) == ("Key.001", 8, 128)
-    assert made["method"].startswith(("mvr", "ivir")) and made["error_estimate"] > 0 and "point_count" in made
+    assert made["method"].startswith(("mvr", "micro", "ivir")) and made["error_estimate"] > 0 and "point_count" in made
 
 
 def test_plan_says_why_and_does_nothing(blend, folder):

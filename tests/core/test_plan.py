@@ -76,7 +76,7 @@ def test_no_light_at_all():
 def test_method_is_decided(method):
     line = planned(scene_with(area_light()), method=method)
     assert line.method is not Method.AUTO
-    assert (line.points is None) == (line.method is Method.MVR)
+    assert (line.points is None) == (not line.method.uses_points)
     assert line.method.value in line.reason
 
 

@@ -7,6 +7,8 @@ points, is of the same order.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from .bounds import SceneBounds
@@ -14,13 +16,18 @@ from .scene import Light, Mesh, SceneSnapshot
 from .settings import Method, PointStorage, Settings
 
 RASTER_NS_PER_TRIANGLE = 100.0
-RASTER_MS_PER_DRAW = 0.03
+RASTER_NS_PER_DRAW = 30_000.0
 RASTER_NS_PER_TEXEL = 4.0
 GENERATE_NS_PER_TRIANGLE = 300.0
 GENERATE_NS_PER_POINT = 60.0
 SPLAT_NS_PER_POINT = 9.0
 """13 for a point that is replayed; about a third is found hidden after the first batch"""
 CLEAR_NS_PER_TEXEL = 1.0
+GATHER_NS_PER_TRIANGLE = 150.0
+SMALL_NS_PER_TRIANGLE = 13.0
+SMALL_NS_PER_TEXEL = 32.0
+SMALL_PERIMETER_TEXELS = 12.0
+"""around what micro-triangle rasterization calls small (core/passes/shadow_maps.py)"""
 RESOLVE_NS_PER_LOOKUP = 14.0
 EYE_NS_PER_PIXEL = 60.0
 SAMPLED_TRIANGLES = 2048
@@ -49,39 +56,67 @@ def _mean_edge_products(mesh: Mesh) -> tuple[float, float]:
     return float(area.mean()), float(perimeter.mean())
 
 
-def estimate_point_count(snapshot: SceneSnapshot, light: Light, settings: Settings, bounds: SceneBounds) -> float:
-    """Points of one generation: every triangle touches its area plus half its perimeter in lattice cells, and one more.
+@dataclass(frozen=True)
+class _InstanceEstimates:
+    """Arrays (instance_count,) of what may cast: flat meshes are left out, because floors and walls that everything visible stands before
+    cast nothing (core/fit.py)."""
 
-    Flat meshes are left out: floors and walls that everything visible stands before cast nothing (core/fit.py).
-    """
+    triangle_count: np.ndarray
+    facing: np.ndarray
+    """share of the triangles that face the light: half of a closed surface's"""
+    texel_area: np.ndarray
+    """mean area of a triangle, texels"""
+    texel_perimeter: np.ndarray
+    """mean perimeter of a triangle, texels"""
+
+
+def _estimate_instances(snapshot: SceneSnapshot, light: Light, settings: Settings, bounds: SceneBounds) -> _InstanceEstimates:
     instances = snapshot.instances
-    statistics = np.array([_mean_edge_products(mesh) for mesh in snapshot.meshes]).reshape(-1, 2)[instances.mesh_index]
-    counts = np.array([mesh.triangle_count for mesh in snapshot.meshes])[instances.mesh_index] * (
-        bounds.flat_axis[instances.mesh_index] < 0
-    )
+    mesh = instances.mesh_index
+    casts = instances.casts_shadow if light.blockers is None else light.blockers
+    statistics = np.array([_mean_edge_products(mesh) for mesh in snapshot.meshes]).reshape(-1, 2)[mesh]
+    counts = np.array([mesh.triangle_count for mesh in snapshot.meshes])[mesh] * ((bounds.flat_axis[mesh] < 0) & casts)
     scale = np.cbrt(np.abs(np.linalg.det(instances.world_from_object[:, :3, :3].astype(np.float64))))
     centers = instances.world_from_object[:, :3, 3] - light.world_from_light[:3, 3]
     distance = np.maximum(np.linalg.norm(centers, axis=1), 1e-3)
     # windows are fitted: a map spans roughly what the objects span, about a radian
-    cell = distance / settings.map_resolution_px / np.sqrt(POINTS_PER_TEXEL if settings.watertight else 1.0)
-    area, half_perimeter = statistics[:, 0] * scale**2 / cell**2, statistics[:, 1] * scale / cell / 2
-    visible = min(1.0, MAX_LAYERS * POINTS_PER_TEXEL * settings.map_resolution_px**2 / max(float((counts * area).sum()), 1.0))
-    facing = np.where([mesh.is_closed for mesh in snapshot.meshes], 0.5, 1.0)[instances.mesh_index]
-    return float((counts * facing * (1 + half_perimeter * 0.5 + area * visible)).sum())
+    texel = distance / settings.map_resolution_px
+    facing = np.where([mesh.is_closed for mesh in snapshot.meshes], 0.5, 1.0)[mesh]
+    return _InstanceEstimates(counts, facing, statistics[:, 0] * (scale / texel) ** 2, statistics[:, 1] * scale / texel)
+
+
+def _point_count(estimates: _InstanceEstimates, settings: Settings) -> float:
+    """Points of one generation: every triangle touches its area plus half its perimeter in lattice cells, and one more."""
+    points_per_texel = POINTS_PER_TEXEL if settings.watertight else 1.0
+    area, perimeter = estimates.texel_area * points_per_texel, estimates.texel_perimeter * np.sqrt(points_per_texel)
+    all_area = float((estimates.triangle_count * area).sum())
+    visible = min(1.0, MAX_LAYERS * POINTS_PER_TEXEL * settings.map_resolution_px**2 / max(all_area, 1.0))
+    return float((estimates.triangle_count * estimates.facing * (1 + perimeter / 4 + area * visible)).sum())
 
 
 def estimate_methods(
     snapshot: SceneSnapshot, light: Light, view_count: int, settings: Settings, bounds: SceneBounds
 ) -> dict[Method, float]:
     """Milliseconds of making all depth maps with each method."""
-    casts = snapshot.instances.casts_shadow if light.blockers is None else light.blockers
-    mesh_index = snapshot.instances.mesh_index[casts]
-    triangles = float(np.array([mesh.triangle_count for mesh in snapshot.meshes])[mesh_index].sum())
+    estimates = _estimate_instances(snapshot, light, settings, bounds)
+    triangles = float(estimates.triangle_count.sum())
     texels = float(settings.map_resolution_px) ** 2
-    draws = len(np.unique(mesh_index))
-    raster = view_count * (triangles * RASTER_NS_PER_TRIANGLE * 1e-6 + draws * RASTER_MS_PER_DRAW + texels * RASTER_NS_PER_TEXEL * 1e-6)
-    points = estimate_point_count(snapshot, light, settings, bounds)
+    draws = len(np.unique(snapshot.instances.mesh_index[estimates.triangle_count > 0]))
+    covered = min(float((estimates.triangle_count * estimates.facing * estimates.texel_area).sum()), MAX_LAYERS * texels)
+    raster_ns = view_count * (triangles * RASTER_NS_PER_TRIANGLE + draws * RASTER_NS_PER_DRAW + texels * RASTER_NS_PER_TEXEL)
+
+    is_small = estimates.texel_perimeter <= SMALL_PERIMETER_TEXELS
+    facing = estimates.triangle_count * estimates.facing
+    small, large = float(facing[is_small].sum()), float(facing[~is_small].sum())
+    micro_ns = triangles * GATHER_NS_PER_TRIANGLE + view_count * (
+        small * SMALL_NS_PER_TRIANGLE
+        + min(float((facing * estimates.texel_area)[is_small].sum()), covered) * SMALL_NS_PER_TEXEL
+        + texels * CLEAR_NS_PER_TEXEL
+        + (large * RASTER_NS_PER_TRIANGLE + RASTER_NS_PER_DRAW + texels * RASTER_NS_PER_TEXEL if large else 0.0)
+    )
+
+    points = _point_count(estimates, settings)
     generations = 1 if settings.points is PointStorage.BUFFERED else max(1, view_count // 8)
-    generate = generations * (triangles * GENERATE_NS_PER_TRIANGLE + points * GENERATE_NS_PER_POINT)
-    replay = view_count * (points * SPLAT_NS_PER_POINT + texels * CLEAR_NS_PER_TEXEL)
-    return {Method.MVR: raster, Method.IVIR: (generate + replay) * 1e-6}
+    ivir_ns = generations * (triangles * GENERATE_NS_PER_TRIANGLE + points * GENERATE_NS_PER_POINT)
+    ivir_ns += view_count * (points * SPLAT_NS_PER_POINT + texels * CLEAR_NS_PER_TEXEL)
+    return {Method.MVR: raster_ns * 1e-6, Method.MICRO: micro_ns * 1e-6, Method.IVIR: ivir_ns * 1e-6}

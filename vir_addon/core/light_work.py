@@ -19,7 +19,6 @@ from .passes.shadow_maps import RESOLVE, DepthMaps, face_table, views_table
 from .plan import PlannedPass, RenderPlan
 from .sampling import area_light_samples
 from .scene import Light, SceneSnapshot
-from .settings import Method
 from .stopwatch import Stopwatch
 
 
@@ -54,7 +53,7 @@ class LightWork:
         self.samples_m = area_light_samples(self.light, planned.view_count)
         self.accumulator = PassAccumulator(self.device, snapshot.width_px, snapshot.height_px)
         self.resolve_flags: list[str] = []
-        if planned.method is not Method.MVR:
+        if planned.method.uses_points:
             self.resolve_flags.append("POINT_MAPS")
         self.receivers = store.no_receivers
         if self.light.receivers is not None:
@@ -100,8 +99,8 @@ class LightWork:
     def _update_statistics(self) -> None:
         methods = [method for _, _, method in self.faces if method is not None]
         self.statistics.face_count = len(self.faces)
-        self.statistics.point_count = sum(method.point_count for method in methods)
-        self.statistics.kept_point_count = sum(method.kept_point_count for method in methods)
+        for field in methods[0].counts() if methods else ():
+            setattr(self.statistics, field, sum(method.counts()[field] for method in methods))
         self.statistics.portion_count = max((method.portion_count for method in methods), default=1)
         self.statistics.caster_triangle_count = max((method.caster_triangle_count for method in methods), default=0)
 

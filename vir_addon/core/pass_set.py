@@ -56,18 +56,24 @@ class PassStatistics:
     pass_name: str
     light_name: str
     method: str
-    """'mvr', 'ivir buffered', 'ivir bufferless' or 'none' (nothing to do; `reason` says why)"""
+    """'mvr', 'micro', 'ivir buffered', 'ivir bufferless' or 'none' (nothing to do; `reason` says why)"""
     reason: str
     view_count: int = 0
     face_count: int = 0
     map_resolution_px: int = 0
     point_count: int = 0
-    """points generated for one replay of all views; 0 for mvr"""
+    """points generated for one replay of all views; 0 but for ivir"""
     kept_point_count: int = 0
     """points replayed after the first batch of views has found the others hidden; 0 when none were left out"""
+    small_triangle_count: int = 0
+    """triangles of a few texels that are replayed for all views; 0 but for micro"""
+    kept_small_triangle_count: int = 0
+    """of these, replayed after the first batch of views has found the others hidden; 0 when none were left out"""
+    large_triangle_count: int = 0
+    """triangles that the hardware rasterizer draws for all views; 0 but for micro"""
     caster_triangle_count: int = 0
     portion_count: int = 1
-    """more than 1: the point buffer was too small for all points at once"""
+    """more than 1: the buffer was too small for all points or triangles at once"""
     stage_ms: dict[str, float] = field(default_factory=dict)
     error_estimate: float = 0.0
     """RMS over lit pixels of the standard error of the pass; from the spread between batches, an upper estimate"""

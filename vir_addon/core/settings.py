@@ -12,6 +12,12 @@ class Method(enum.Enum):
     AUTO = "auto"
     MVR = "mvr"
     IVIR = "ivir"
+    MICRO = "micro"
+
+    @property
+    def uses_points(self) -> bool:
+        """Whether maps are splatted from points, which enlarges outlines by half a texel."""
+        return self is Method.IVIR
 
 
 class PointStorage(enum.Enum):

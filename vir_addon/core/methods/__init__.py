@@ -11,6 +11,7 @@ from ..scene import Light
 from ..settings import Method, Settings
 from .base import DepthMapMethod
 from .ivir import ImprovedViewIndependentRasterization
+from .micro import MicroTriangleRasterization
 from .mvr import MultiviewRasterization
 
 
@@ -26,6 +27,8 @@ def depth_map_method(
 ) -> DepthMapMethod:
     if planned.method is Method.MVR:
         return MultiviewRasterization(scene_data, fitted, face_table, culled)
+    if planned.method is Method.MICRO:
+        return MicroTriangleRasterization(scene_data, fitted, face_table, culled, light, samples_m, settings)
     if planned.points is None:
         raise ValueError(f"{planned.method.value} needs a point storage")
     return ImprovedViewIndependentRasterization(scene_data, fitted, face_table, culled, light, samples_m, settings, planned.points)

@@ -19,8 +19,6 @@ class DepthMapMethod(abc.ABC):
         """face_table: rows for the kernels; culled: (instance_count,) bool of `bounds.cullable_instances`"""
         self.scene_data, self.fitted, self.face_table, self.culled = scene_data, fitted, face_table, culled
         self.device: Device = scene_data.device
-        self.point_count = 0
-        self.kept_point_count = 0
         self.portion_count = 1
 
     @property
@@ -37,6 +35,10 @@ class DepthMapMethod(abc.ABC):
 
     def release(self) -> None:  # noqa: B027  nor to free
         """Free what `prepare` made."""
+
+    def counts(self) -> dict[str, int]:
+        """What was prepared for the views so far, by the fields of `PassStatistics`."""
+        return {}
 
     def views_table(self, selected: range) -> np.ndarray:
         return views_table(self.fitted.views, selected)

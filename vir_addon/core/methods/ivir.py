@@ -14,9 +14,8 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from ...device.declaration import ComputeDeclaration
-from ...device.interface import EMPTY_DEPTH_BITS, LINEAR_TEXTURE_WIDTH, Device, Texture, TextureFormat
-from ..errors import DeviceError
-from ..fit import FittedFace, light_hull
+from ...device.interface import EMPTY_DEPTH_BITS, TextureFormat
+from ..fit import FittedFace
 from ..passes.scene_data import WORK_GROUP_SIZE, SceneData
 from ..passes.shadow_maps import (
     BUFFER_TILES,
@@ -31,8 +30,9 @@ from ..passes.shadow_maps import (
 )
 from ..scene import Light
 from ..settings import PointStorage, Settings
-from ..views import FaceViews
 from .base import DepthMapMethod
+from .linear_store import LinearStore
+from .seen_space import seen_space_bindings, window_bounds
 
 
 class Releasable(Protocol):
@@ -55,50 +55,13 @@ FIRST_TILE_CAPACITY = 1 << 15
 FIRST_PART_CAPACITY = 1 << 13
 
 
-def seen_space_planes(views: FaceViews) -> tuple[np.ndarray, np.ndarray]:
-    """Planes (6, 4) around everything that any view sees, and the tangents (4,) around all windows.
-
-    What a view sees ends, at depth z, at a place linear in z. The outermost of these lines bulges inwards between its ends, so the
-    plane through the outermost places at the nearest and the farthest depth bounds all views, and exactly at both ends.
-    """
-    windows = np.array([views.window_tangents(k) for k in range(views.view_count)])
-    centers = views.centers_fs
-    near, far = centers[:, 2].min() + views.near_m, centers[:, 2].max() + views.far_m
-    planes = np.zeros((6, 4))
-    for side in range(4):
-        axis, sign = side // 2, 1 - 2 * (side % 2)
-        ends = [(sign * (centers[:, axis] + windows[:, side] * (z - centers[:, 2]))).min() for z in (near, far)]
-        slope = (ends[1] - ends[0]) / (far - near)
-        planes[side, axis] = sign
-        planes[side, 2:] = -slope, ends[0] - slope * near
-    planes[4, 2:], planes[5, 2:] = (1, near), (-1, -far)
-    return planes, np.array([windows[:, 0].min(), windows[:, 1].max(), windows[:, 2].min(), windows[:, 3].max()])
-
-
-class _LinearStore:
-    """A growing device array; its content is lost when it grows."""
-
-    def __init__(self, device: Device, texel_count: int) -> None:
-        self.device = device
-        self._create(texel_count)
-
-    def reserve(self, texel_count: int) -> None:
-        self.texture.release()
-        self._create(texel_count)
-
-    def _create(self, texel_count: int) -> None:
-        rows = max(1, -(-texel_count // LINEAR_TEXTURE_WIDTH))
-        if rows > self.device.max_texture_size_px:
-            raise DeviceError(f"{texel_count} texels exceed the device's largest texture; choose a smaller map resolution")
-        self.texture: Texture = self.device.create_texture(LINEAR_TEXTURE_WIDTH, rows, TextureFormat.RGBA32F)
-        self.texel_count = rows * LINEAR_TEXTURE_WIDTH
-
-    def replace_by(self, other: _LinearStore) -> None:
-        self.texture.release()
-        self.texture, self.texel_count = other.texture, other.texel_count
-
-    def release(self) -> None:
-        self.texture.release()
+def hull_box(hull_fs: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+    """(2, 4) rows of the table of that name. bounds: (4,) tangents around all windows"""
+    farthest = np.maximum(np.abs(bounds[0::2]), np.abs(bounds[1::2]))
+    box = np.zeros((2, 4))
+    box[:, :3] = (hull_fs.max(axis=0) + hull_fs.min(axis=0)) / 2, (hull_fs.max(axis=0) - hull_fs.min(axis=0)) / 2
+    box[0, 3] = 1 / np.sqrt(1 + (farthest**2).sum())
+    return box
 
 
 @dataclass(frozen=True)
@@ -125,26 +88,20 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
     ) -> None:
         super().__init__(scene_data, fitted, face_table, culled)
         self.settings, self.storage = settings, storage
-        rotation = fitted.views.face.face_from_world
-        hull_fs = (light_hull(light, samples_m) - light.world_from_light[:3, 3]) @ rotation.T
-        planes, bounds = seen_space_planes(fitted.views)
-        farthest = np.maximum(np.abs(bounds[0::2]), np.abs(bounds[1::2]))
-        hull_box = np.zeros((2, 4))
-        hull_box[:, :3] = (hull_fs.max(axis=0) + hull_fs.min(axis=0)) / 2, (hull_fs.max(axis=0) - hull_fs.min(axis=0)) / 2
-        hull_box[0, 3] = 1 / np.sqrt(1 + (farthest**2).sum())
+        seen_space = seen_space_bindings(fitted.views, light, samples_m)
+        bounds = window_bounds(fitted.views)
         self.sampling_bindings = {
             **scene_data.bindings,
+            **seen_space,
             "face": face_table,
-            "hull": np.pad(hull_fs, ((0, 0), (0, 1))),
-            "hull_count": len(hull_fs),
-            "hull_box": hull_box,
-            "seen_space": planes,
+            "hull_box": hull_box(seen_space["hull"][:, :3], bounds),
             "window_bounds": bounds,
         }
         self.sampling_flags = ["WATERTIGHT"] * settings.watertight + ["STOCHASTIC_CULLING"] * settings.stochastic_culling
         self.splat_flags = ["NEAR_SURFACES"] * (fitted.nearest_caster_m < fitted.views.light_diameter_m)
         self.splat_flags += ["FRONT_FACE"] * (fitted.views.face.index == 0)
         self.culled_triangle_count = 0
+        self.point_count = 0
         self.tile_count = 0
         self.buffered_point_count = 0
         self.kept_point_count = 0
@@ -161,11 +118,11 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
     def _prepare(self) -> None:
         self.work = self._owned(self.scene_data.work_table(self.fitted.caster_indices, ~self.culled))
         self.counters = self._owned(self.device.create_texture(4, 1, TextureFormat.R32UI))
-        self.tiles = self._owned(_LinearStore(self.device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY))
-        self.parts = self._owned(_LinearStore(self.device, TEXELS_PER_TILE * FIRST_PART_CAPACITY))
+        self.tiles = self._owned(LinearStore(self.device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY))
+        self.parts = self._owned(LinearStore(self.device, TEXELS_PER_TILE * FIRST_PART_CAPACITY))
         if self.storage is PointStorage.BUFFERED:
             self.capacity_limit = self.settings.point_buffer_mib * (1 << 20) // BYTES_PER_POINT
-            self.points = self._owned(_LinearStore(self.device, min(self.capacity_limit, max(1 << 18, 4 * self.work.triangle_count))))
+            self.points = self._owned(LinearStore(self.device, min(self.capacity_limit, max(1 << 18, 4 * self.work.triangle_count))))
             self._portions = self._plan_portions()
 
     # buffered
@@ -270,7 +227,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         return True
 
     @staticmethod
-    def _fits(store: _LinearStore, count: int) -> bool:
+    def _fits(store: LinearStore, count: int) -> bool:
         if TEXELS_PER_TILE * count <= store.texel_count:
             return True
         store.reserve(TEXELS_PER_TILE * 2 * count)
@@ -325,7 +282,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         )
 
     def _keep_seen_points(self, maps: DepthMaps, selected: range) -> None:
-        kept = _LinearStore(self.device, self.buffered_point_count)
+        kept = LinearStore(self.device, self.buffered_point_count)
         self.device.fill(self.counters, 0)
         self.device.compute_kernel(KEEP_SEEN_POINTS).dispatch_linear(
             self.buffered_point_count,
@@ -345,6 +302,9 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
             return
         self.points.replace_by(kept)
         self.buffered_point_count = self.kept_point_count
+
+    def counts(self) -> dict[str, int]:
+        return {"point_count": self.point_count, "kept_point_count": self.kept_point_count}
 
     def release(self) -> None:
         self._cleanup.close()

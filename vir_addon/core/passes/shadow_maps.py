@@ -42,12 +42,19 @@ RASTERIZE_DEPTH = RasterDeclaration(
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
     output_name="depth_bits",
     output_type="uint",
+    flags={"PLACED": "the vertices are in face space already"},
     defines=SCENE_DEFINES,
 )
 
+FRONT_FACE = "the face looks along the light's axis: all views lie in one plane across it"
 SPLAT_FLAGS = {
     "NEAR_SURFACES": "something casts from nearer than the light's diameter: points there cover several texels",
-    "FRONT_FACE": "the face looks along the light's axis: all views lie in one plane across it",
+    "FRONT_FACE": FRONT_FACE,
+}
+WORK_TABLE = Sampled("sampler2D", "instance, first triangle, triangle count and two-sidedness of every work group")
+PORTION_CONSTANTS = {
+    "group_count": Constant("int", "work groups of this portion"),
+    "first_group": Constant("int", "the portion's first work group"),
 }
 
 SPLAT_POINTS = ComputeDeclaration(
@@ -76,16 +83,20 @@ KEEP_SEEN_POINTS = ComputeDeclaration(
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
 )
 
-SAMPLING_TABLES = {
-    "face": FACE_TABLE,
+SEEN_SPACE_TABLES = {
     "hull": Table(MAX_HULL_CORNERS, "corners of the convex hull of all view centres (face space)"),
+    "seen_space": Table(6, "planes around everything that any view sees: dot(xyz, p) >= w inside"),
+}
+SEEN_SPACE_CONSTANTS = {"hull_count": Constant("int", "corners of the hull")}
+SAMPLING_TABLES = {
+    **SEEN_SPACE_TABLES,
+    "face": FACE_TABLE,
     "hull_box": Table(
         2, "centre and half size of the hull (face space); w of the first: depth over distance at the windows' farthest corner"
     ),
-    "seen_space": Table(6, "planes around everything that any view sees: dot(xyz, p) >= w inside"),
 }
 SAMPLING_CONSTANTS = {
-    "hull_count": Constant("int", "corners of the hull"),
+    **SEEN_SPACE_CONSTANTS,
     "window_bounds": Constant("vec4", "tangents left, right, bottom, top around all windows"),
 }
 SAMPLING_FLAGS = {
@@ -105,13 +116,9 @@ def _generate(name: str, text: str, source_flag: str, output_flag: str) -> Compu
     constants = dict(SAMPLING_CONSTANTS)
     tables = dict(SAMPLING_TABLES)
     if from_triangles:
-        textures["work_table"] = Sampled("sampler2D", "instance, first triangle, triangle count and two-sidedness of every work group")
+        textures["work_table"] = WORK_TABLE
         images["parts"] = Stored("RGBA32F", "write", PARTS_TEXT)
-        constants |= {
-            "group_count": Constant("int", "work groups of this portion"),
-            "first_group": Constant("int", "the portion's first work group"),
-            "part_capacity": PART_CAPACITY,
-        }
+        constants |= {**PORTION_CONSTANTS, "part_capacity": PART_CAPACITY}
     else:
         textures["tile_list"] = Sampled("sampler2D", "tiles of large triangles")
         constants |= {"first_tile": Constant("int", "the first tile to sample"), "tile_count": Constant("int", "tiles to sample")}
@@ -164,6 +171,61 @@ BUFFER_TRIANGLES = _generate("buffer_triangles", "points of small triangles into
 BUFFER_TILES = _generate("buffer_tiles", "points of large triangles into the buffer", "FROM_TILES", "INTO_BUFFER")
 SPLAT_TRIANGLES = _generate("splat_triangles", "points of small triangles into the maps", "FROM_TRIANGLES", "INTO_MAPS")
 SPLAT_TILES = _generate("splat_tiles", "points of large triangles into the maps", "FROM_TILES", "INTO_MAPS")
+
+GATHERED_TRIANGLES_TEXT = (
+    "three texels a triangle, its corners in face space; with FRONT_FACE small ones have x/z and y/z in texels and 1/z instead"
+)
+SMALL_TRIANGLE_DEFINES = {
+    # edge functions of corners in 256ths of a texel stay below 2^24
+    "SMALL_EXTENT_TEXELS": 11.0,
+    "SMALL_BOUNDS_TEXELS": 36.0,
+}
+
+GATHER_TRIANGLES = ComputeDeclaration(
+    name="gather_triangles",
+    text="culls and places the triangles that cast into a face's maps and parts small ones from large ones",
+    source="gather_triangles.comp.glsl",
+    local_size=(WORK_GROUP_SIZE, 1, 1),
+    textures={
+        **SCENE_TEXTURES,
+        "work_table": WORK_TABLE,
+        "depth_maps": Sampled("usampler2D", "complete depth maps of a batch; read with SEEN_ONLY"),
+    },
+    images={
+        "counters": Stored("R32UI", "atomic", "texel 0: small triangles, 1: large ones"),
+        "gathered_triangles": Stored("RGBA32F", "write", GATHERED_TRIANGLES_TEXT),
+    },
+    constants={
+        **PORTION_CONSTANTS,
+        **SEEN_SPACE_CONSTANTS,
+        "view_count": VIEW_COUNT,
+        "triangle_capacity": Constant("int", "triangles that the list holds"),
+    },
+    tables={**SEEN_SPACE_TABLES, "face": FACE_TABLE, "views": VIEWS_TABLE},
+    flags={"FRONT_FACE": FRONT_FACE, "SEEN_ONLY": "only small triangles that a batch of views is near to seeing"},
+    defines={**SCENE_DEFINES, **SMALL_TRIANGLE_DEFINES},
+)
+
+COPY_TEXELS = ComputeDeclaration(
+    name="copy_texels",
+    text="copies a part of a list, so that only that part is read back",
+    source="copy_texels.comp.glsl",
+    textures={"original": Sampled("sampler2D", "device array")},
+    images={"copied": Stored("RGBA32F", "write", "device array that takes the part")},
+    constants={"first_texel": Constant("int", "where the part starts"), "texel_count": Constant("int", "texels of the part")},
+)
+
+RASTERIZE_SMALL_TRIANGLES = ComputeDeclaration(
+    name="rasterize_small_triangles",
+    text="rasterizes the list of small triangles into the maps of a batch",
+    source="rasterize_small_triangles.comp.glsl",
+    local_size=(WORK_GROUP_SIZE, 1, 1),
+    textures={"gathered_triangles": Sampled("sampler2D", GATHERED_TRIANGLES_TEXT)},
+    images={"depth_maps": DEPTH_MAPS_ATOMIC},
+    constants={"view_count": VIEW_COUNT, "triangle_count": Constant("int", "small triangles in the list")},
+    tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
+    flags={"FRONT_FACE": FRONT_FACE},
+)
 
 RESOLVE = ComputeDeclaration(
     name="resolve",

@@ -1,0 +1,100 @@
+// Collects the triangles that cast into the maps of a face: culled, placed and projected once, for all views.
+// What covers few texels in every view is small and fills the list from its start, the rest from its end.
+#include "lib/scene_data.glsl"
+#include "lib/linear_invocation.glsl"
+#include "lib/seen_space.glsl"
+
+// Nearer than this behind the visible surface a triangle may be part of it, or come into sight between two views.
+const float KEPT_DEPTH_FOOTPRINTS = 32.0;
+
+bool is_small(vec3 corners_fs[4]) {
+    for (int k = 0; k < hull_count; k++) {
+        vec2 low = vec2(3.0e38);
+        vec2 high = vec2(-3.0e38);
+        for (int i = 0; i < 3; i++) {
+            vec3 p = corners_fs[i] - hull[k].xyz;
+            // what reaches a view's near plane has to be clipped
+            if (p.z <= near_m) {
+                return false;
+            }
+            vec2 at = p.xy * (texels_per_tangent / p.z);
+            low = min(low, at);
+            high = max(high, at);
+        }
+        vec2 extent = high - low;
+        if (max(extent.x, extent.y) > SMALL_EXTENT_TEXELS || (extent.x + 1.0) * (extent.y + 1.0) > SMALL_BOUNDS_TEXELS) {
+            return false;
+        }
+    }
+    return true;
+}
+
+#ifdef SEEN_ONLY
+// Whether all corners are far behind what each view of a batch sees there. A batch is spread over the whole light: what is hidden
+// from all of it is hidden from nearly all other views.
+bool hidden_from_batch(vec3 corners_fs[4]) {
+    for (int k = 0; k < view_count; k++) {
+        for (int i = 0; i < 3; i++) {
+            vec3 p = corners_fs[i] - view_center(k);
+            ivec2 texel = ivec2(floor(p.xy * (texels_per_tangent / max(p.z, near_m)) - view_window(k)));
+            // a window that leaves it out says nothing about the windows of other views
+            if (p.z <= near_m || any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel, map_size))) {
+                return false;
+            }
+            float seen = uintBitsToFloat(texelFetch(depth_maps, texel + ivec2(0, view_first_row(k)), 0).x);
+            if (p.z <= seen + KEPT_DEPTH_FOOTPRINTS * footprint_share * p.z) {
+                return false;
+            }
+        }
+    }
+    return true;
+}
+#endif
+
+void main() {
+    int group = linear_group();
+    if (group >= group_count) {
+        return;
+    }
+    vec4 work = texelFetch(work_table, linear_texel(group + first_group), 0);
+    int triangle_index = int(work.y) + int(gl_LocalInvocationID.x);
+    if (triangle_index >= int(work.z)) {
+        return;
+    }
+    InstanceData instance = load_instance(int(work.x));
+    TriangleData triangle = load_triangle(instance, triangle_index);
+    vec3 corners_fs[4];
+    for (int i = 0; i < 3; i++) {
+        corners_fs[i] = face_position(triangle.position_ws[i]);
+    }
+    corners_fs[3] = corners_fs[2];
+    // face space is left-handed and transforms may mirror
+    vec3 scaled_normal = -instance.orientation * cross(corners_fs[1] - corners_fs[0], corners_fs[2] - corners_fs[0]);
+    bool two_sided = work.w > 0.5;
+    // a triangle without area is seen by no view
+    if (dot(scaled_normal, scaled_normal) == 0.0 || !(two_sided || faces_any_view(scaled_normal, corners_fs[0])) || unseen(corners_fs)) {
+        return;
+    }
+    bool small = is_small(corners_fs);
+#ifdef SEEN_ONLY
+    if (!small || hidden_from_batch(corners_fs)) {
+        return;
+    }
+#endif
+    // counted all the same: the host learns how much room is missing
+    int index = int(imageAtomicAdd(counters, ivec2(small ? 0 : 1, 0), 1u));
+    if (index >= triangle_capacity) {
+        return;
+    }
+    int place = small ? index : triangle_capacity - 1 - index;
+    for (int i = 0; i < 3; i++) {
+        vec3 p = corners_fs[i];
+#ifdef FRONT_FACE
+        if (small) {
+            // all views lie in the plane z = 0: moving one shifts the corner by an amount proportional to 1/z
+            p = vec3(p.xy * (texels_per_tangent / p.z), 1.0 / p.z);
+        }
+#endif
+        imageStore(gathered_triangles, linear_texel(3 * place + i), vec4(p, 0.0));
+    }
+}

@@ -1,0 +1,32 @@
+"""Lists that kernels append to: arrays on the device that the host lets grow."""
+
+from __future__ import annotations
+
+from ...device.interface import LINEAR_TEXTURE_WIDTH, Device, Texture, TextureFormat
+from ..errors import DeviceError
+
+
+class LinearStore:
+    """A growing device array; its content is lost when it grows."""
+
+    def __init__(self, device: Device, texel_count: int) -> None:
+        self.device = device
+        self._create(texel_count)
+
+    def reserve(self, texel_count: int) -> None:
+        self.texture.release()
+        self._create(texel_count)
+
+    def _create(self, texel_count: int) -> None:
+        rows = max(1, -(-texel_count // LINEAR_TEXTURE_WIDTH))
+        if rows > self.device.max_texture_size_px:
+            raise DeviceError(f"{texel_count} texels exceed the device's largest texture; choose a smaller map resolution")
+        self.texture: Texture = self.device.create_texture(LINEAR_TEXTURE_WIDTH, rows, TextureFormat.RGBA32F)
+        self.texel_count = rows * LINEAR_TEXTURE_WIDTH
+
+    def replace_by(self, other: LinearStore) -> None:
+        self.texture.release()
+        self.texture, self.texel_count = other.texture, other.texel_count
+
+    def release(self) -> None:
+        self.texture.release()

@@ -1,0 +1,234 @@
+"""Micro-triangle rasterization: triangles are culled, placed and projected once a light, small ones then rasterized by a kernel.
+
+For triangles of a few texels a hardware rasterizer's set-up costs more than its texels, and it repeats the vertex work for every view.
+Here a list of small triangles is replayed into the maps of a batch by a kernel that tests the texels' centres itself, each triangle for
+all views at once; large ones, placed and culled as well, go to the hardware rasterizer. Both cover a texel by the same rule, so the
+maps are `mvr`'s: no density to choose, no holes, no randomness. Triangles that no view of the first batch is near to
+seeing are left out of the list from then on.
+
+A list too long for its memory is processed in portions, each gathered again for each batch.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...device.interface import EMPTY_DEPTH_BITS, DeviceMesh, Draw, TextureFormat
+from ..fit import FittedFace
+from ..passes.scene_data import SceneData
+from ..passes.shadow_maps import COPY_TEXELS, GATHER_TRIANGLES, MAX_BATCH_VIEWS, RASTERIZE_DEPTH, RASTERIZE_SMALL_TRIANGLES, DepthMaps
+from ..scene import Light
+from ..settings import Settings
+from .base import DepthMapMethod
+from .linear_store import LinearStore
+from .seen_space import seen_space_bindings
+
+TEXELS_PER_TRIANGLE = 3
+BYTES_PER_TRIANGLE = 48
+FIRST_CAPACITY = 1 << 14
+
+
+@dataclass(frozen=True)
+class _Portion:
+    """Work groups whose small triangles are in the list together."""
+
+    first_group: int
+    group_count: int
+    small_count: int = 0
+
+
+class MicroTriangleRasterization(DepthMapMethod):
+    def __init__(
+        self,
+        scene_data: SceneData,
+        fitted: FittedFace,
+        face_table: np.ndarray,
+        culled: np.ndarray,
+        light: Light,
+        samples_m: np.ndarray,
+        settings: Settings,
+    ) -> None:
+        super().__init__(scene_data, fitted, face_table, culled)
+        self.settings = settings
+        self.seen_space = seen_space_bindings(fitted.views, light, samples_m)
+        self.flags = ["FRONT_FACE"] * (fitted.views.face.index == 0)
+        self.small_count = 0
+        self.large_count = 0
+        self.kept_count = 0
+        self._large_meshes: list[DeviceMesh] = []
+        self._portions: list[_Portion] = []
+        self._gathered: _Portion | None = None
+        self._has_culled_hidden = False
+        self._cleanup = contextlib.ExitStack()
+
+    def prepare(self) -> None:
+        self.device.run(self._prepare)
+
+    def _prepare(self) -> None:
+        self.work = self.scene_data.work_table(self.fitted.caster_indices, ~self.culled)
+        self.counters = self.device.create_texture(2, 1, TextureFormat.R32UI)
+        # stands for the maps where a kernel does not look at them
+        self.no_maps = DepthMaps(self.device, 1, 1, 1)
+        limit = self.settings.point_buffer_mib * (1 << 20) // BYTES_PER_TRIANGLE
+        self.capacity_limit = max(limit, FIRST_CAPACITY)
+        expected = max(min(self._expected_triangle_count, self.capacity_limit), FIRST_CAPACITY)
+        self.triangles = LinearStore(self.device, TEXELS_PER_TRIANGLE * expected)
+        for resource in (self.work, self.counters, self.no_maps, self.triangles):
+            self._cleanup.callback(resource.release)
+        self._plan_portions()
+        self.small_count = sum(portion.small_count for portion in self._portions)
+        self.portion_count = len(self._portions)
+
+    @property
+    def _expected_triangle_count(self) -> int:
+        """About half of a closed surface faces the light; two thirds leave room for one that leans towards it."""
+        casters = self.fitted.caster_indices
+        counts = self.scene_data.triangle_counts[self.scene_data.snapshot.instances.mesh_index[casters]]
+        return int(np.where(self.culled[casters], counts * 2 // 3 + 1, counts).sum())
+
+    def _plan_portions(self) -> None:
+        pending = [_Portion(0, self.work.group_count)]
+        while pending:
+            portion = pending.pop()
+            small_count, large_count = self._gather_with_room(portion)
+            half = portion.group_count // 2
+            if half and small_count + large_count > self.capacity_limit:
+                first = portion.first_group
+                pending += [_Portion(first + half, portion.group_count - half), _Portion(first, half)]
+                continue
+            if large_count:
+                self._upload_large(large_count)
+            self._gathered = _Portion(portion.first_group, portion.group_count, small_count)
+            self._portions.append(self._gathered)
+
+    def _gather_with_room(self, portion: _Portion, seen_by: tuple[DepthMaps, range] | None = None) -> tuple[int, int]:
+        """Returns how many small and large triangles the portion has; more than `capacity_limit` are not all in the list."""
+        counts = self._gather(portion, seen_by)
+        if self._capacity < sum(counts) <= self.capacity_limit:
+            self.triangles.reserve(TEXELS_PER_TRIANGLE * sum(counts))
+            counts = self._gather(portion, seen_by)
+        return counts
+
+    @property
+    def _capacity(self) -> int:
+        return self.triangles.texel_count // TEXELS_PER_TRIANGLE
+
+    def _gather(self, portion: _Portion, seen_by: tuple[DepthMaps, range] | None) -> tuple[int, int]:
+        maps, selected = seen_by or (self.no_maps, range(0))
+        kernel = self.device.compute_kernel(GATHER_TRIANGLES, *self.flags, *["SEEN_ONLY"] * (seen_by is not None))
+        self.device.fill(self.counters, 0)
+        kernel.dispatch_linear(
+            portion.group_count * kernel.declaration.local_size[0],
+            **self.scene_data.bindings,
+            **self.seen_space,
+            face=self.face_table,
+            views=self.views_table(selected),
+            view_count=len(selected),
+            depth_maps=maps.texture,
+            work_table=self.work.texture,
+            first_group=portion.first_group,
+            group_count=portion.group_count,
+            counters=self.counters,
+            gathered_triangles=self.triangles.texture,
+            triangle_capacity=self._capacity,
+        )
+        small_count, large_count = (int(count) for count in self.device.read(self.counters)[0])
+        return small_count, large_count
+
+    def _upload_large(self, count: int) -> None:
+        texel_count = TEXELS_PER_TRIANGLE * count
+        part = LinearStore(self.device, texel_count)
+        self.device.compute_kernel(COPY_TEXELS).dispatch_linear(
+            texel_count,
+            original=self.triangles.texture,
+            copied=part.texture,
+            first_texel=TEXELS_PER_TRIANGLE * self._capacity - texel_count,
+            texel_count=texel_count,
+        )
+        # the list grows from its end: its last triangle stands first, which does not matter
+        corners = self.device.read(part.texture).reshape(-1, 4)[:texel_count, :3]
+        part.release()
+        mesh = self.device.upload_mesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+        self._cleanup.callback(mesh.release)
+        self._large_meshes.append(mesh)
+        self.large_count += count
+
+    # batches
+
+    def fill(self, maps: DepthMaps, selected: range) -> None:
+        self.device.run(self._fill, maps, selected)
+
+    def _fill(self, maps: DepthMaps, selected: range) -> None:
+        self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
+        views = self.views_table(selected)
+        # the rasterizer first: it knows only its own depths, while the kernel keeps the smaller one of what is there
+        self._rasterize_large(maps, views, len(selected))
+        for portion in self._portions:
+            if not portion.small_count:
+                continue
+            if self._gathered is not portion:
+                self._gather(portion, None)
+                self._gathered = portion
+            self.device.compute_kernel(RASTERIZE_SMALL_TRIANGLES, *self.flags).dispatch_linear(
+                portion.small_count,
+                gathered_triangles=self.triangles.texture,
+                depth_maps=maps.texture,
+                views=views,
+                view_count=len(selected),
+                face=self.face_table,
+                triangle_count=portion.small_count,
+            )
+        if self._may_cull_hidden(selected):
+            self._cull_hidden(maps, selected)
+
+    def _rasterize_large(self, maps: DepthMaps, views: np.ndarray, view_count: int) -> None:
+        if not self._large_meshes:
+            return
+        draws = [Draw(mesh, 1, {"first_instance": 0}, False) for mesh in self._large_meshes]
+        kernel = self.device.raster_kernel(RASTERIZE_DEPTH, "PLACED")
+        self.device.fill(maps.target.depth, 0)
+        width, height = self.fitted.views.map_width_px, self.fitted.views.map_height_px
+        for index in range(view_count):
+            viewport = (0, index * height, width, height)
+            kernel.draw(
+                maps.target,
+                viewport,
+                draws,
+                instances=self.scene_data.instances,
+                face=self.face_table,
+                views=views,
+                view_index=index,
+            )
+
+    def _may_cull_hidden(self, selected: range) -> bool:
+        """Once, after a batch large enough to stand for all views, and only if there are others left to gain from it."""
+        return (
+            self.settings.cull_hidden_points
+            and not self._has_culled_hidden
+            and self.small_count > 0
+            and len(selected) == MAX_BATCH_VIEWS < self.fitted.views.view_count
+        )
+
+    def _cull_hidden(self, maps: DepthMaps, selected: range) -> None:
+        self._has_culled_hidden = True
+        everything = _Portion(0, self.work.group_count)
+        small_count, _ = self._gather_with_room(everything, (maps, selected))
+        self._gathered = None
+        # several portions would have to look at these maps again, which the next batch overwrites
+        if small_count <= self.capacity_limit:
+            self._gathered = _Portion(0, self.work.group_count, small_count)
+            self._portions = [self._gathered]
+            self.kept_count = small_count
+
+    def counts(self) -> dict[str, int]:
+        return {
+            "small_triangle_count": self.small_count,
+            "kept_small_triangle_count": self.kept_count,
+            "large_triangle_count": self.large_count,
+        }
+
+    def release(self) -> None:
+        self._cleanup.close()

@@ -1,0 +1,47 @@
+"""What all views of a face see together, for kernels that decide once for all of them (gpu_shaders/lib/seen_space.glsl)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..fit import light_hull
+from ..scene import Light
+from ..views import FaceViews
+
+
+def window_bounds(views: FaceViews) -> np.ndarray:
+    """(4,) float64 tangents left, right, bottom, top around the windows of all views."""
+    windows = _windows(views)
+    return np.array([windows[:, 0].min(), windows[:, 1].max(), windows[:, 2].min(), windows[:, 3].max()])
+
+
+def _windows(views: FaceViews) -> np.ndarray:
+    return np.array([views.window_tangents(k) for k in range(views.view_count)])
+
+
+def seen_space_planes(views: FaceViews) -> np.ndarray:
+    """(6, 4) float64 planes around everything that any view sees, dot(xyz, p_fs) >= w inside.
+
+    What a view sees ends, at depth z, at a place linear in z. The outermost of these lines bulges inwards between its ends, so the
+    plane through the outermost places at the nearest and the farthest depth bounds all views, and exactly at both ends.
+    """
+    windows = _windows(views)
+    centers = views.centers_fs
+    near, far = centers[:, 2].min() + views.near_m, centers[:, 2].max() + views.far_m
+    planes = np.zeros((6, 4))
+    for side in range(4):
+        axis, sign = side // 2, 1 - 2 * (side % 2)
+        ends = [(sign * (centers[:, axis] + windows[:, side] * (z - centers[:, 2]))).min() for z in (near, far)]
+        slope = (ends[1] - ends[0]) / (far - near)
+        planes[side, axis] = sign
+        planes[side, 2:] = -slope, ends[0] - slope * near
+    planes[4, 2:], planes[5, 2:] = (1, near), (-1, -far)
+    return planes
+
+
+def seen_space_bindings(views: FaceViews, light: Light, samples_m: np.ndarray) -> dict[str, Any]:
+    """What kernels with `SEEN_SPACE_TABLES` and `SEEN_SPACE_CONSTANTS` are bound to."""
+    hull_fs = (light_hull(light, samples_m) - light.world_from_light[:3, 3]) @ views.face.face_from_world.T
+    return {"hull": np.pad(hull_fs, ((0, 0), (0, 1))), "hull_count": len(hull_fs), "seen_space": seen_space_planes(views)}
