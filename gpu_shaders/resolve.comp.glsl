@@ -87,7 +87,7 @@ void main() {
         return;
     }
     vec4 position = texelFetch(positions, pixel, 0);
-    bool surface = position.w >= 0.0;
+    bool surface = position.w >= 0.0 && texelFetch(settled, pixel, 0).x == 0u;
 #ifdef RECEIVER_LINKING
     surface = surface && texelFetch(receivers, linear_texel(int(position.w)), 0).x > 0.5;
 #endif

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from .. import __version__
-from ..core.settings import Method, PointStorage, Settings
+from ..core.settings import Method, PointStorage, Resolve, Settings
 
 EXIT_STATUS_TEXT = "exit status: 0 done, 2 wrong usage, 3 the scene cannot be rendered, 4 no usable device, 130 stopped with Ctrl-C"
 
@@ -94,7 +94,7 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         "--method",
         type=partial(_parse_choice, Method),
         default=defaults.method,
-        metavar="auto|mvr|ivir",
+        metavar="|".join(method.value for method in Method),
         help="how depth maps are made; auto (default) picks the cheaper",
     )
     parser.add_argument(
@@ -118,6 +118,13 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PX",
         help=f"width and height of depth maps; default {defaults.map_resolution_px}",
     )
+    parser.add_argument(
+        "--resolve",
+        type=partial(_parse_choice, Resolve),
+        default=defaults.resolve,
+        metavar="adaptive|full",
+        help="whether pixels in the middle of what is wholly lit or dark are left out once that is known (default)",
+    )
     parser.add_argument("--resolution", type=parse_resolution, metavar="960x540", help="of the picture; default: the scene's")
 
 
@@ -129,4 +136,5 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         view_count=arguments.views,
         map_resolution_px=arguments.map_resolution,
         light_names=arguments.lights,
+        resolve=arguments.resolve,
     )

@@ -12,13 +12,14 @@ from .fit import FittedFace, fit_light, light_hull, select_receivers
 from .methods import depth_map_method
 from .methods.base import DepthMapMethod
 from .pass_set import PassStatistics
-from .passes.accumulate import PassAccumulator
+from .passes.accumulate import MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, PassAccumulator
 from .passes.eye import EyePass
 from .passes.scene_data import SceneData
 from .passes.shadow_maps import RESOLVE, DepthMaps, face_table, views_table
 from .plan import PlannedPass, RenderPlan
 from .sampling import area_light_samples
 from .scene import Light, SceneSnapshot
+from .settings import Resolve
 from .stopwatch import Stopwatch
 
 
@@ -99,6 +100,7 @@ class LightWork:
     def _update_statistics(self) -> None:
         methods = [method for _, _, method in self.faces if method is not None]
         self.statistics.face_count = len(self.faces)
+        self.statistics.settled_share = self.accumulator.settled_share
         for field in methods[0].counts() if methods else ():
             setattr(self.statistics, field, sum(method.counts()[field] for method in methods))
         self.statistics.portion_count = max((method.portion_count for method in methods), default=1)
@@ -140,7 +142,19 @@ class LightWork:
             with stopwatch.stage("resolve"):
                 nothing = {"view_count": 0, "map_face": 0, "face_mask": 0, "first_face": 1, "last_face": 1}
                 self._resolve(eye, self.store.maps(1, 1, 1), face=np.zeros((1, 4)), views=np.zeros((1, 4)), **nothing)
+        if self._may_settle(batch):
+            with stopwatch.stage("resolve"):
+                self.accumulator.settle()
         self._update_statistics()
+
+    def _may_settle(self, batch: int) -> bool:
+        """Once, as soon as enough is known, and not when no batch is left to gain from it."""
+        return (
+            self.plan.settings.resolve is Resolve.ADAPTIVE
+            and not self.accumulator.has_settled
+            and MIN_SETTLING_BATCHES <= batch + 1 < self.plan.batch_count
+            and (self.batch_views(batch).stop >= MIN_SETTLING_VIEWS or batch + 1 >= self.planned.view_count)
+        )
 
     def _resolve(self, eye: EyePass, maps: DepthMaps, **bindings: Any) -> None:
         width, height = eye.size
@@ -150,6 +164,7 @@ class LightWork:
             normals=eye.normals,
             depth_maps=maps.texture,
             receivers=self.receivers,
+            settled=self.accumulator.settled,
             moments=self.accumulator.moments,
             coverage=self.accumulator.coverage,
             batch_sums=self.store.batch_sums,

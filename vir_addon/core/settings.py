@@ -25,6 +25,12 @@ class PointStorage(enum.Enum):
     BUFFERLESS = "bufferless"
 
 
+class Resolve(enum.Enum):
+    ADAPTIVE = "adaptive"
+    """pixels that the first batches find wholly lit or dark, with all pixels around, are not looked up again"""
+    FULL = "full"
+
+
 @dataclass(frozen=True)
 class Settings:
     method: Method = Method.AUTO
@@ -36,6 +42,7 @@ class Settings:
     """None: every light that the scene shows"""
     stochastic_culling: bool = True
     """cull triangles below a tenth of a pixel with probability 1 - 10 A (Gavane & Watson 2022, section 3.2)"""
+    resolve: Resolve = Resolve.ADAPTIVE
     cull_hidden_points: bool = True
     """after the first batch of views, leave out points that none of its views is near to seeing (buffered points only)"""
     watertight: bool = True

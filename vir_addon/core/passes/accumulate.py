@@ -10,18 +10,48 @@ from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
 from ...device.interface import Device, TextureFormat
 
 TILE_PX = 16
+MIN_SETTLING_VIEWS = 16
+MIN_SETTLING_BATCHES = 2
+"""What so many well-distributed light samples and sub-pixel offsets see alike is taken to be alike."""
+SETTLE_RADIUS_PX = 3
+"""Filters reach 1.5 pixels, and penumbrae do not begin at once: within three pixels of anything else looking up goes on."""
+SUMS_TEXTURES = {
+    "moments": Sampled("sampler2D", "sums over batches of shadowed s, delivered d, s^2, s d"),
+    "coverage": Sampled("sampler2D", "sums over batches of d^2 and of surface samples"),
+}
+SIZE_CONSTANTS = {"width": Constant("int", "of the picture, pixels"), "height": Constant("int", "of the picture, pixels")}
 
 PASS_ERROR = ComputeDeclaration(
     name="pass_error",
     text="sums the squared standard error of a pass over tiles",
     source="pass_error.comp.glsl",
     local_size=(8, 8, 1),
-    textures={
-        "moments": Sampled("sampler2D", "sums over batches of shadowed s, delivered d, s^2, s d"),
-        "coverage": Sampled("sampler2D", "sums over batches of d^2 and of surface samples"),
-    },
+    textures=SUMS_TEXTURES,
     images={"tile_sums": Stored("RGBA32F", "write", "sum of squared errors and number of lit pixels of every tile")},
-    constants={"width": Constant("int", "of the picture, pixels"), "height": Constant("int", "of the picture, pixels")},
+    constants=SIZE_CONSTANTS,
+)
+
+BATCH_COUNT = Constant("int", "batches in the sums")
+
+PASS_STATES = ComputeDeclaration(
+    name="pass_states",
+    text="tells pixels that are wholly lit, dark or background so far from the others",
+    source="pass_states.comp.glsl",
+    local_size=(8, 8, 1),
+    textures=SUMS_TEXTURES,
+    images={"states": Stored("R32UI", "write", "one bit a state")},
+    constants={**SIZE_CONSTANTS, "batch_count": BATCH_COUNT},
+)
+
+SETTLE_PIXELS = ComputeDeclaration(
+    name="settle_pixels",
+    text="finds the pixels that need not be looked up any more",
+    source="settle_pixels.comp.glsl",
+    local_size=(8, 8, 1),
+    textures={"states": Sampled("usampler2D", "one bit a state")},
+    images={"settled": Stored("R32UI", "write", "batches that a settled pixel's sums have, 0 where looking up goes on")},
+    constants={**SIZE_CONSTANTS, "batch_count": BATCH_COUNT},
+    defines={"SETTLE_RADIUS_PX": SETTLE_RADIUS_PX},
 )
 
 
@@ -32,7 +62,22 @@ class PassAccumulator:
         self.device, self.width, self.height = device, width, height
         zeros = np.zeros((height, width, 4), np.float32)
         self.moments, self.coverage = device.upload_texture(zeros), device.upload_texture(zeros)
+        self.settled = device.create_texture(width, height, TextureFormat.R32UI)
+        device.fill(self.settled, 0)
         self.batch_count = 0
+        self.has_settled = False
+        self.settled_share = 0.0
+
+    def settle(self) -> None:
+        """Leave pixels out of later batches that lie in the middle of what is wholly lit, dark or background so far."""
+        states = self.device.create_texture(self.width, self.height, TextureFormat.R32UI)
+        shared = {"width": self.width, "height": self.height, "batch_count": self.batch_count}
+        groups = (-(-self.width // 8), -(-self.height // 8), 1)
+        self.device.compute_kernel(PASS_STATES).dispatch(groups, moments=self.moments, coverage=self.coverage, states=states, **shared)
+        self.device.compute_kernel(SETTLE_PIXELS).dispatch(groups, states=states, settled=self.settled, **shared)
+        states.release()
+        self.has_settled = True
+        self.settled_share = float((self.device.read(self.settled) > 0).mean())
 
     def compute_error(self) -> float:
         """RMS over lit pixels of the standard error, from the spread between batches. Batches are stratified together, so the
@@ -59,11 +104,13 @@ class PassAccumulator:
         """(height, width) float32 each: shadowed, delivered (per batch), and the share of eye samples that saw a surface"""
         moments = self.device.read(self.moments)
         surfaces = self.device.read(self.coverage)[..., 1]
-        batches = max(self.batch_count, 1)
+        settled = self.device.read(self.settled)
+        batches = np.where(settled > 0, settled, max(self.batch_count, 1)).astype(np.float32)
         return moments[..., 0] / batches, moments[..., 1] / batches, surfaces / batches
 
     def release(self) -> None:
         self.moments.release()
+        self.settled.release()
         self.coverage.release()
 
 

@@ -237,6 +237,7 @@ RESOLVE = ComputeDeclaration(
         "normals": Sampled("sampler2D", "geometric normal (world space) and packed shading normal"),
         "depth_maps": Sampled("usampler2D", "depth maps of the batch"),
         "receivers": Sampled("sampler2D", "x: whether an instance receives this light; read with RECEIVER_LINKING"),
+        "settled": Sampled("usampler2D", "not 0 where nothing has to be looked up any more"),
     },
     images={
         "moments": Stored("RGBA32F", "read_write", "sums over batches of shadowed s, delivered d, s^2, s d"),
