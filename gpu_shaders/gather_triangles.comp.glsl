@@ -22,7 +22,7 @@ bool is_small(vec3 corners_fs[4]) {
             high = max(high, at);
         }
         vec2 extent = high - low;
-        if (max(extent.x, extent.y) > SMALL_EXTENT_TEXELS || (extent.x + 1.0) * (extent.y + 1.0) > SMALL_BOUNDS_TEXELS) {
+        if (max(extent.x, extent.y) > SMALL_EXTENT_TEXELS) {
             return false;
         }
     }
@@ -64,12 +64,13 @@ void main() {
     InstanceData instance = load_instance(int(work.x));
     TriangleData triangle = load_triangle(instance, triangle_index);
     vec3 corners_fs[4];
-    for (int i = 0; i < 3; i++) {
-        corners_fs[i] = face_position(triangle.position_ws[i]);
-    }
+    corners_fs[0] = face_position(triangle.position_ws[0]);
+    // transforms may mirror: the order of the corners keeps the front where it is
+    corners_fs[1] = face_position(triangle.position_ws[instance.orientation > 0.0 ? 1 : 2]);
+    corners_fs[2] = face_position(triangle.position_ws[instance.orientation > 0.0 ? 2 : 1]);
     corners_fs[3] = corners_fs[2];
-    // face space is left-handed and transforms may mirror
-    vec3 scaled_normal = -instance.orientation * cross(corners_fs[1] - corners_fs[0], corners_fs[2] - corners_fs[0]);
+    // face space is left-handed
+    vec3 scaled_normal = -cross(corners_fs[1] - corners_fs[0], corners_fs[2] - corners_fs[0]);
     bool two_sided = work.w > 0.5;
     // a triangle without area is seen by no view
     if (dot(scaled_normal, scaled_normal) == 0.0 || !(two_sided || faces_any_view(scaled_normal, corners_fs[0])) || unseen(corners_fs)) {
@@ -95,6 +96,6 @@ void main() {
             p = vec3(p.xy * (texels_per_tangent / p.z), 1.0 / p.z);
         }
 #endif
-        imageStore(gathered_triangles, linear_texel(3 * place + i), vec4(p, 0.0));
+        imageStore(gathered_triangles, linear_texel(3 * place + i), vec4(p, work.x));
     }
 }

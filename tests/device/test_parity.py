@@ -11,6 +11,7 @@ from tests.device.kernels import ATOMIC_MIN
 from vir_addon.core.bounds import compute_bounds, cullable_instances
 from vir_addon.core.fit import fit_light, light_hull, select_receivers
 from vir_addon.core.methods.ivir import ImprovedViewIndependentRasterization
+from vir_addon.core.methods.micro import MicroTriangleRasterization
 from vir_addon.core.methods.mvr import MultiviewRasterization
 from vir_addon.core.passes.eye import EyePass
 from vir_addon.core.passes.scene_data import SceneData
@@ -110,6 +111,9 @@ class Renderer:
     def rasterized(self):
         return self.filled(MultiviewRasterization(*self.face))
 
+    def micro(self):
+        return self.filled(MicroTriangleRasterization(*self.face, self.light, self.samples, Settings()))
+
     def sampled(self, settings, storage):
         return self.filled(ImprovedViewIndependentRasterization(*self.face, self.light, self.samples, settings, storage))
 
@@ -143,6 +147,11 @@ def test_eye_passes_agree(renderers):
 
 def test_rasterized_depth_maps_agree(renderers):
     assert_same_depths(*[renderer.rasterized() for renderer in renderers])
+
+
+def test_micro_triangle_depth_maps_agree(renderers):
+    """Small ones of the sphere and, in ranges of one mesh, large ones of the box."""
+    assert_same_depths(*[renderer.micro() for renderer in renderers])
 
 
 @pytest.mark.parametrize("storage", PointStorage)

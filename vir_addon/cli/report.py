@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from ..core.files import whole_file
-from ..core.pass_set import STAGES, PassSet, SetStatistics
+from ..core.pass_set import STAGES, PassSet, PassStatistics, SetStatistics
 from ..core.plan import RenderPlan
 from ..core.scene import SceneSnapshot
 
@@ -62,19 +62,26 @@ def print_notes(console: Console, notes: list[str], left_out: list[str]) -> None
 
 
 def print_statistics(console: Console, statistics: SetStatistics) -> None:
-    table = Table(Column("pass", no_wrap=True), "method", "views", "maps", "points", "points ms", "maps ms", "resolve ms", "error")
+    table = Table(Column("pass", no_wrap=True), "method", "views", "maps", "prepared", "prepare ms", "maps ms", "resolve ms", "error")
     for made in statistics.passes:
         if not made.view_count:
             table.add_row(made.pass_name, made.reason)
             continue
         times = [f"{made.stage_ms.get(stage, 0.0):.0f}" for stage in ("points", "splat or raster", "resolve")]
         faces = f" x {made.face_count} faces" if made.face_count > 1 else ""
-        maps, points = f"{made.map_resolution_px} px{faces}", f"{made.point_count:,}" if made.point_count else ""
-        table.add_row(made.pass_name, made.method, str(made.view_count), maps, points, *times, error_text(made.error_estimate))
+        maps = f"{made.map_resolution_px} px{faces}"
+        table.add_row(made.pass_name, made.method, str(made.view_count), maps, _prepared(made), *times, error_text(made.error_estimate))
     console.print(table)
     totals = total_stage_ms(statistics)
     console.print(", ".join(f"{stage} {milliseconds(totals[stage])}" for stage in STAGES if stage in totals), highlight=False)
     print_notes(console, statistics.notes, statistics.left_out)
+
+
+def _prepared(made: PassStatistics) -> str:
+    """What all views replay."""
+    triangle_count = made.small_triangle_count + made.large_triangle_count
+    counts = {"points": made.point_count, "triangles": triangle_count}
+    return ", ".join(f"{count:,} {name}" for name, count in counts.items() if count)
 
 
 def total_stage_ms(statistics: SetStatistics) -> dict[str, float]:

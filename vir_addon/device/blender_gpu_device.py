@@ -199,7 +199,12 @@ class BlenderRasterKernel(RasterKernel):
                     state.face_culling_set("BACK" if culling else "NONE")
                 for name, value in draw.constants.items():
                     self.bindings.set_constant(name, value)
-                cast(BlenderMesh, draw.mesh).batch.draw_instanced(self.shader, instance_start=0, instance_count=draw.instance_count)
+                batch = cast(BlenderMesh, draw.mesh).batch
+                if draw.triangle_range is None:
+                    batch.draw_instanced(self.shader, instance_start=0, instance_count=draw.instance_count)
+                else:
+                    first, count = draw.triangle_range
+                    batch.draw_range(self.shader, elem_start=3 * first, elem_count=3 * count)
 
 
 class BlenderGpuDevice(Device):

@@ -70,12 +70,14 @@ class RenderTarget(abc.ABC):
 
 @dataclass(frozen=True)
 class Draw:
-    """Some instances of one mesh; constants that change from draw to draw (ints only)."""
+    """Some instances of one mesh, or one instance of a range of its triangles; constants that change from draw to draw (ints only)."""
 
     mesh: DeviceMesh
     instance_count: int
     constants: Mapping[str, int]
     cull_back_faces: bool = False
+    triangle_range: tuple[int, int] | None = None
+    """first and number; only with one instance"""
 
 
 class ComputeKernel(abc.ABC):

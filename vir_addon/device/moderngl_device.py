@@ -160,7 +160,12 @@ class ModernglRasterKernel(RasterKernel):
                 context.enable_only(moderngl.DEPTH_TEST | (moderngl.CULL_FACE if culling else 0))
             for name, value in draw.constants.items():
                 self.bindings.set_constant(name, value)
-            cast(ModernglMesh, draw.mesh).vertex_array(self.program).render(instances=draw.instance_count)
+            vertex_array = cast(ModernglMesh, draw.mesh).vertex_array(self.program)
+            if draw.triangle_range is None:
+                vertex_array.render(instances=draw.instance_count)
+            else:
+                first, count = draw.triangle_range
+                vertex_array.render(vertices=3 * count, first=3 * first)
 
 
 class ModernglDevice(Device):

@@ -12,6 +12,7 @@ A list too long for its memory is processed in portions, each gathered again for
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +41,29 @@ class _Portion:
     small_count: int = 0
 
 
+@dataclass(frozen=True)
+class _LargeTriangles:
+    """Large triangles on the device, sorted by instance."""
+
+    mesh: DeviceMesh
+    instances: np.ndarray
+    """(n,) int64 instance numbers"""
+    first: np.ndarray
+    """(n,) int64: the first triangle of each"""
+    count: np.ndarray
+    """(n,) int64: how many each has"""
+
+    def draws(self, seen: np.ndarray, culled: np.ndarray) -> Iterator[Draw]:
+        """seen, culled: (instance_count,) bool, which instances to draw and which without back faces. Neighbours share a draw."""
+        chosen = seen[self.instances]
+        first, count, cull = self.first[chosen], self.count[chosen], culled[self.instances[chosen]]
+        starts = np.flatnonzero(np.r_[True, (first[1:] != first[:-1] + count[:-1]) | (cull[1:] != cull[:-1])])
+        if len(first):
+            for start, triangle_count in zip(starts, np.add.reduceat(count, starts), strict=True):
+                triangle_range = (int(first[start]), int(triangle_count))
+                yield Draw(self.mesh, 1, {"first_instance": 0}, bool(cull[start]), triangle_range)
+
+
 class MicroTriangleRasterization(DepthMapMethod):
     def __init__(
         self,
@@ -58,7 +82,7 @@ class MicroTriangleRasterization(DepthMapMethod):
         self.small_count = 0
         self.large_count = 0
         self.kept_count = 0
-        self._large_meshes: list[DeviceMesh] = []
+        self._large: list[_LargeTriangles] = []
         self._portions: list[_Portion] = []
         self._gathered: _Portion | None = None
         self._has_culled_hidden = False
@@ -148,12 +172,15 @@ class MicroTriangleRasterization(DepthMapMethod):
             first_texel=TEXELS_PER_TRIANGLE * self._capacity - texel_count,
             texel_count=texel_count,
         )
-        # the list grows from its end: its last triangle stands first, which does not matter
-        corners = self.device.read(part.texture).reshape(-1, 4)[:texel_count, :3]
+        triangles = self.device.read(part.texture).reshape(-1, 4)[:texel_count].reshape(count, 3, 4)
         part.release()
+        instance = triangles[:, 0, 3].astype(np.int64)
+        order = np.argsort(instance, kind="stable")
+        corners = triangles[order][:, :, :3].reshape(-1, 3)
         mesh = self.device.upload_mesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
         self._cleanup.callback(mesh.release)
-        self._large_meshes.append(mesh)
+        instances, first = np.unique(instance[order], return_index=True)
+        self._large.append(_LargeTriangles(mesh, instances, first, np.diff(first, append=count)))
         self.large_count += count
 
     # batches
@@ -165,7 +192,8 @@ class MicroTriangleRasterization(DepthMapMethod):
         self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
         views = self.views_table(selected)
         # the rasterizer first: it knows only its own depths, while the kernel keeps the smaller one of what is there
-        self._rasterize_large(maps, views, len(selected))
+        if self._large:
+            self._rasterize_large(maps, selected)
         for portion in self._portions:
             if not portion.small_count:
                 continue
@@ -184,24 +212,18 @@ class MicroTriangleRasterization(DepthMapMethod):
         if self._may_cull_hidden(selected):
             self._cull_hidden(maps, selected)
 
-    def _rasterize_large(self, maps: DepthMaps, views: np.ndarray, view_count: int) -> None:
-        if not self._large_meshes:
-            return
-        draws = [Draw(mesh, 1, {"first_instance": 0}, False) for mesh in self._large_meshes]
+    def _rasterize_large(self, maps: DepthMaps, selected: range) -> None:
         kernel = self.device.raster_kernel(RASTERIZE_DEPTH, "PLACED")
         self.device.fill(maps.target.depth, 0)
+        views = self.views_table(selected)
         width, height = self.fitted.views.map_width_px, self.fitted.views.map_height_px
-        for index in range(view_count):
+        for index, view in enumerate(selected):
+            seen = np.zeros(len(self.culled), bool)
+            seen[self.fitted.caster_indices[self.fitted.seen_by_view[view]]] = True
+            draws = [draw for large in self._large for draw in large.draws(seen, self.culled)]
             viewport = (0, index * height, width, height)
-            kernel.draw(
-                maps.target,
-                viewport,
-                draws,
-                instances=self.scene_data.instances,
-                face=self.face_table,
-                views=views,
-                view_index=index,
-            )
+            placed = {"instances": self.scene_data.instances, "face": self.face_table, "views": views, "view_index": index}
+            kernel.draw(maps.target, viewport, draws, **placed)
 
     def _may_cull_hidden(self, selected: range) -> bool:
         """Once, after a batch large enough to stand for all views, and only if there are others left to gain from it."""

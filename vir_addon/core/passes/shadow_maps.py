@@ -173,13 +173,10 @@ SPLAT_TRIANGLES = _generate("splat_triangles", "points of small triangles into t
 SPLAT_TILES = _generate("splat_tiles", "points of large triangles into the maps", "FROM_TILES", "INTO_MAPS")
 
 GATHERED_TRIANGLES_TEXT = (
-    "three texels a triangle, its corners in face space; with FRONT_FACE small ones have x/z and y/z in texels and 1/z instead"
+    "three texels a triangle, its corners in face space, with FRONT_FACE those of small ones as x/z and y/z in texels and 1/z; w: instance"
 )
-SMALL_TRIANGLE_DEFINES = {
-    # edge functions of corners in 256ths of a texel stay below 2^24
-    "SMALL_EXTENT_TEXELS": 11.0,
-    "SMALL_BOUNDS_TEXELS": 36.0,
-}
+SMALL_EXTENT_TEXELS = 11.0
+"""Edge functions of corners in 256ths of a texel stay below 2^24, which float32 holds exactly."""
 
 GATHER_TRIANGLES = ComputeDeclaration(
     name="gather_triangles",
@@ -203,7 +200,7 @@ GATHER_TRIANGLES = ComputeDeclaration(
     },
     tables={**SEEN_SPACE_TABLES, "face": FACE_TABLE, "views": VIEWS_TABLE},
     flags={"FRONT_FACE": FRONT_FACE, "SEEN_ONLY": "only small triangles that a batch of views is near to seeing"},
-    defines={**SCENE_DEFINES, **SMALL_TRIANGLE_DEFINES},
+    defines={**SCENE_DEFINES, "SMALL_EXTENT_TEXELS": SMALL_EXTENT_TEXELS},
 )
 
 COPY_TEXELS = ComputeDeclaration(
