@@ -10,6 +10,7 @@ from typing import Any
 
 import bpy
 
+from tests import cycles
 from vir_addon.blender.job import frame_jobs
 from vir_addon.blender.job import run as run_job
 from vir_addon.cli.report import total_stage_ms
@@ -19,7 +20,6 @@ from vir_addon.core.settings import Method, Settings
 from vir_addon.device.interface import Device
 from vir_addon.device.open import open_device
 
-from . import cycles
 from .head_scene import MILLION_TRIANGLES_LEVEL, build_head_scene
 from .options import Options
 from .tables import BenchTable, Column

@@ -17,7 +17,7 @@ TIMEOUT_S = 120
 SIZE = ("--resolution", "64x36", "--views", "8", "--map-resolution", "128")
 
 
-def build(path, *, camera=True, light=True):
+def build(path, *, camera=True, light=True, surfaces=True):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
 
@@ -27,7 +27,9 @@ def build(path, *, camera=True, light=True):
         scene.collection.objects.link(made)
         return made
 
-    for name, half, height in (("Floor", 4.0, 0.0), ("Board", 0.6, 1.0)):
+    if not surfaces:
+        put("Smoke", bpy.data.volumes.new("Smoke"), (0, 0, 0))
+    for name, half, height in (("Floor", 4.0, 0.0), ("Board", 0.6, 1.0)) if surfaces else ():
         mesh = bpy.data.meshes.new(name)
         mesh.from_pydata([(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)], [], [(0, 1, 2, 3)])
         put(name, mesh, (0, 0, height))
@@ -112,9 +114,10 @@ def test_doctor():
 
 
 def test_exit_statuses(blend, folder):
-    no_camera, dark, broken = folder / "no camera.blend", folder / "dark.blend", folder / "broken.blend"
+    no_camera, dark, smoke, broken = (folder / f"{name}.blend" for name in ("no camera", "dark", "smoke", "broken"))
     build(no_camera, camera=False)
     build(dark, light=False)
+    build(smoke, surfaces=False)
     broken.write_bytes(b"not a blend")
     cases = [
         (2, "no light named 'Sun'", ("render", blend, "--output", folder / "x", "--lights", "Sun")),
@@ -125,6 +128,8 @@ def test_exit_statuses(blend, folder):
         (3, "not a .blend", ("plan", broken)),
         (3, "camera", ("plan", no_camera)),
         (3, "no light", ("render", dark, "--output", folder / "x")),
+        (3, "left out: Smoke: volumes", ("render", smoke, "--output", folder / "x")),
+        (3, "has no surface", ("plan", smoke)),
     ]
     for status, words, arguments in cases:
         done = vir(*arguments)

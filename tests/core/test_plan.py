@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.scenes import area_light, box, floor, perspective_camera, render_passes, snapshot
+from tests.scenes import area_light, box, bumpy_sphere, floor, perspective_camera, render_passes, snapshot
 from vir_addon.core.errors import SceneError, UsageError
 from vir_addon.core.plan import plan
 from vir_addon.core.scene import LightShape
-from vir_addon.core.settings import Method, Settings
+from vir_addon.core.settings import Method, PointStorage, Settings
 
 WIDTH, HEIGHT = 48, 27
 
@@ -78,6 +78,51 @@ def test_method_is_decided(method):
     assert line.method is not Method.AUTO
     assert (line.points is None) == (not line.method.uses_points)
     assert line.method.value in line.reason
+
+
+def fine_scene(row_count, *lights):
+    meshes = [floor(4.0), bumpy_sphere("ball", (0, 0, 1.0), 0.8, row_count)]
+    camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
+    return snapshot(meshes, lights or [area_light()], camera, WIDTH, HEIGHT)
+
+
+MORE_WORK = {
+    "views": ({"view_count": 16}, {"view_count": 64}),
+    "texels": ({"map_resolution_px": 256}, {"map_resolution_px": 1024}),
+    "generations": ({"points": PointStorage.BUFFERED}, {"points": PointStorage.BUFFERLESS}),
+}
+
+
+@pytest.mark.parametrize("method", [Method.MVR, Method.IVIR])
+@pytest.mark.parametrize("more", MORE_WORK)
+def test_more_work_is_predicted_to_take_longer(method, more):
+    few, many = (planned(fine_scene(40), method=method, **arguments).predicted_ms for arguments in MORE_WORK[more])
+    assert few == many if (more, method) == ("generations", Method.MVR) else 0 < few < many
+
+
+@pytest.mark.parametrize("method", [Method.MVR, Method.IVIR])
+def test_more_triangles_are_predicted_to_take_longer(method):
+    predicted = [planned(fine_scene(row_count), method=method).predicted_ms for row_count in (10, 40, 160)]
+    assert predicted == sorted(predicted) and predicted[-1] > 1.1 * predicted[0]
+
+
+def test_predictions_add_up():
+    """Of all passes that run, and of the eye, which is there once."""
+    lights = [area_light("Key"), area_light("Fill", strength=0.0), area_light("Rim", (3, 0, 3))]
+    alone = [plan(fine_scene(40, light), Settings()) for light in lights]
+    eye_ms = alone[0].predicted_ms - alone[0].passes[0].predicted_ms
+    assert eye_ms > 0
+    together = plan(fine_scene(40, *lights), Settings())
+    assert together.predicted_ms == pytest.approx(sum(one.passes[0].predicted_ms for one in alone) + eye_ms)
+
+
+@pytest.mark.parametrize("row_count", [4, 400])
+def test_auto_takes_what_is_predicted_to_be_faster(row_count):
+    scene = fine_scene(row_count)
+    by_method = {method: planned(scene, method=method).predicted_ms for method in (Method.MVR, Method.IVIR)}
+    line = planned(scene)
+    assert line.predicted_ms == min(by_method.values()) == by_method[line.method]
+    assert "times faster" in line.reason
 
 
 @pytest.mark.parametrize("arguments", [{"view_count": 0}, {"view_count": 5000}, {"map_resolution_px": 8}, {"point_buffer_mib": 0}])

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import bpy
 
+from ..core.errors import SceneError
 from ..core.pass_set import PassSet
 from ..core.plan import RenderPlan, plan
 from ..core.render import Progress, render
@@ -15,6 +16,9 @@ from ..core.settings import Settings
 from ..device.interface import Device
 from .extract import snapshot
 from .render_depsgraph import with_render_depsgraph
+
+SURFACE_TYPES = frozenset({"MESH", "CURVE", "SURFACE", "FONT", "META"})
+"""types of objects that Blender evaluates to meshes"""
 
 
 @dataclass(frozen=True)
@@ -40,13 +44,34 @@ def take_snapshot(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, resol
 
 
 def frame_jobs(scene: bpy.types.Scene, frame: int, settings: Settings, resolution: tuple[int, int] | None = None) -> dict[str, LayerJob]:
-    """View layer name -> job, for one frame."""
+    """View layer name -> job, for one frame.
+
+    Raises SceneError for a scene that has no surface in any frame. A frame, or a view layer, that shows none gets white passes: things
+    are hidden and scaled to nothing by animation, and a layer of its own for smoke is common.
+    """
     scene.frame_set(frame)
-    jobs = {}
-    for layer in rendered_view_layers(scene):
-        taken = take_snapshot(scene, layer, resolution)
-        jobs[layer.name] = LayerJob(taken, plan(taken, settings))
-    return jobs
+    snapshots = {layer.name: take_snapshot(scene, layer, resolution) for layer in rendered_view_layers(scene)}
+    if not any(len(taken.instances) for taken in snapshots.values()) and not _has_surface_objects(scene.objects):
+        left_out = sorted({f"{item.object_name}: {item.reason}" for taken in snapshots.values() for item in taken.left_out})
+        raise SceneError(
+            f"scene {scene.name!r} has no surface that a shadow could fall on; add a mesh, a curve with a bevel, a text or a metaball"
+            + (f"; left out: {', '.join(left_out)}" if left_out else "")
+        )
+    return {name: LayerJob(taken, plan(taken, settings)) for name, taken in snapshots.items()}
+
+
+def _has_surface_objects(objects: Iterable[bpy.types.Object]) -> bool:
+    """Whether any object could show a surface in some frame, hidden ones and those of instanced collections included."""
+    pending, seen = list(objects), set()
+    while pending:
+        candidate = pending.pop()
+        if candidate.type in SURFACE_TYPES:
+            return True
+        instanced = candidate.instance_collection
+        if instanced is not None and instanced.session_uid not in seen:
+            seen.add(instanced.session_uid)
+            pending += instanced.all_objects
+    return False
 
 
 def run(job: LayerJob, device: Device, on_progress: Callable[[Progress], None] | None = None) -> PassSet:

@@ -40,8 +40,9 @@ def prepare(scene: bpy.types.Scene, resolution: tuple[int, int]) -> None:
 def render(scene: bpy.types.Scene, samples: int, seed: int = 0, *, has_shadows: bool = True) -> tuple[np.ndarray, float]:
     """(height, width) float32 irradiance, row 0 at the bottom, and the seconds that the whole render took, its file included."""
     scene.cycles.samples, scene.cycles.seed = samples, seed
-    for shown in scene.objects:
-        shown.visible_shadow = has_shadows
+    casts = {shown: shown.visible_shadow for shown in scene.objects}
+    for shown, own in casts.items():
+        shown.visible_shadow = own and has_shadows
     with tempfile.TemporaryDirectory() as folder:
         scene.render.filepath = str(Path(folder) / "image")
         start_s = time.perf_counter()
@@ -49,21 +50,23 @@ def render(scene: bpy.types.Scene, samples: int, seed: int = 0, *, has_shadows: 
         taken_s = time.perf_counter() - start_s
         with OpenEXR.File(str(next(Path(folder).glob("image*.exr")))) as file:
             pixels = next(iter(file.channels().values())).pixels
-    for shown in scene.objects:
-        shown.visible_shadow = True
+    for shown, own in casts.items():
+        shown.visible_shadow = own
     red = pixels[..., 0] if pixels.ndim == 3 else pixels
     return red[::-1].astype(np.float32), taken_s
 
 
 class CyclesReference:
-    """Shadowed over unshadowed irradiance of the scene's one light, and where it can be judged."""
+    """Shadowed over unshadowed irradiance of the scene's one light, and where it can be judged. Row 0 at the bottom."""
 
     def __init__(self, scene: bpy.types.Scene, samples: int) -> None:
+        """Half of the samples each with another seed: what the halves differ by tells the noise."""
         self.unshadowed, _ = render(scene, max(64, samples // 4), seed=1, has_shadows=False)
-        lit = self.unshadowed[self.unshadowed > 0]
-        self.judged = self.unshadowed > DELIVERED_FLOOR * np.percentile(lit, 95)
-        shadowed, self.taken_s = render(scene, samples, seed=2)
-        self.ratio = self.ratio_of(shadowed)
+        self.judged = self.unshadowed > DELIVERED_FLOOR * np.percentile(self.unshadowed[self.unshadowed > 0], 95)
+        first, second = (self.ratio_of(render(scene, samples // 2, seed)[0]) for seed in (2, 3))
+        self.ratio = (first + second) / 2
+        self.noise = _rms((first - second)[self.judged].astype(np.float64)) / 2
+        """RMS of the ratio's standard error over judged pixels"""
         self.penumbra = self.judged & (self.ratio > 0.02) & (self.ratio < 0.98)
 
     def ratio_of(self, shadowed: np.ndarray) -> np.ndarray:

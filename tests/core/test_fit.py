@@ -1,0 +1,109 @@
+"""Windows hold whatever may be shadowed, against rays in float64: random lights, cameras and objects."""
+
+import dataclasses
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.ray_tracing import delivered, intersect, primary_surfaces, samples_in_world, world_triangles
+from tests.scenes import area_light, box, bumpy_sphere, camera_from_above, floor, perspective_camera, rectangle, snapshot
+from vir_addon.core.bounds import compute_bounds
+from vir_addon.core.fit import fit_light, select_receivers
+from vir_addon.core.sampling import area_light_samples
+
+WIDTH, HEIGHT = 24, 14
+VIEWS = 8
+RESOLUTION_PX = 256
+LIGHT_SIZES_M = ((0.0, 0.0), (0.3, 0.3), (0.6, 0.1))
+
+
+def near(x, y, z, reach):
+    return st.tuples(*(st.floats(centre - reach, centre + reach) for centre in (x, y, z)))
+
+
+@st.composite
+def scenes(draw):
+    """A room's corner with things in it, a light anywhere above them, looking down somewhere, and a camera that looks on."""
+    meshes = [
+        floor(draw(st.sampled_from([1.5, 3.0, 30.0]))),
+        rectangle("wall", (-3, 2.5, 0), (6, 0, 0), (0, 0, 3)),
+        box("box", draw(near(-0.7, 0, 0.6, 0.5)), (0.4, 0.5, 0.3), turn_rad=draw(st.floats(0, 1.5))),
+        bumpy_sphere("ball", draw(near(0.8, 0, 1.2, 0.6)), 0.5, 5, smooth=draw(st.booleans())),
+        rectangle("leaf", draw(near(0, -0.5, 1.2, 0.5)), (0.7, 0.1, 0.3), (0.0, 0.6, 0.2)),
+    ]
+    size_m = draw(st.sampled_from(LIGHT_SIZES_M))
+    light = area_light(eye=draw(near(0, 0, 3.8, 1.0)), target=draw(near(0, 0, 0, 1.5)), size_m=size_m)
+    if draw(st.booleans()):
+        light = dataclasses.replace(light, receivers=np.array(draw(st.permutations([True, True, True, True, False]))))
+    if draw(st.booleans()):
+        light = dataclasses.replace(light, blockers=np.array(draw(st.permutations([True, True, True, False, False]))))
+    if draw(st.booleans()):
+        camera = camera_from_above((draw(st.floats(-1, 1)), 0.0), draw(st.floats(1.0, 12.0)), WIDTH, HEIGHT)
+    else:
+        camera = perspective_camera(draw(near(0, -6.0, 2.5, 1.5)), draw(near(0, 0, 0.5, 0.8)), WIDTH, HEIGHT, draw(st.floats(0.1, 0.8)))
+    return snapshot(meshes, [light], camera, WIDTH, HEIGHT)
+
+
+def g_buffer(scene, triangles, surfaces):
+    positions = np.full((HEIGHT, WIDTH, 4), -1.0, np.float32)
+    normals = np.zeros((HEIGHT, WIDTH, 4), np.float32)
+    rows, columns = surfaces.pixel.T
+    positions[rows, columns, :3] = surfaces.position
+    positions[rows, columns, 3] = triangles.instance[surfaces.triangle]
+    normals[rows, columns, :3] = surfaces.geometric
+    return positions, normals
+
+
+def blocked_pairs(scene, triangles, surfaces, light, samples_ws):
+    """What no map may leave out: (n,) points, samples and the instances in between, by rays in float64."""
+    linked = np.ones(len(scene.instances), bool) if light.receivers is None else light.receivers
+    receives = linked[triangles.instance[surfaces.triangle]]
+    weight = delivered(light, samples_ws, surfaces.position, surfaces.shading)
+    d = surfaces.position[:, None] - samples_ws[None]
+    toward = np.einsum("nj,nmj->nm", surfaces.geometric, d) < 0
+    point, sample = np.nonzero((weight > 0) & toward & receives[:, None])
+    casts = np.flatnonzero((scene.instances.casts_shadow if light.blockers is None else light.blockers)[triangles.instance])
+    t, _ = intersect(surfaces.position[point], samples_ws[sample] - surfaces.position[point], triangles.corners[casts])
+    # what touches the surface or the light is a matter of the bias, not of windows
+    pair, blocker = np.nonzero((t > 1e-3) & (t < 1 - 1e-3))
+    return point[pair], sample[pair], triangles.instance[casts[blocker]]
+
+
+def lost_pairs(scene, light, samples_m, faces, surfaces, triangles):
+    """(row, column), sample and instance of every blocked ray that no window holds"""
+    samples_ws = samples_in_world(light, samples_m)
+    point, sample, instance = blocked_pairs(scene, triangles, surfaces, light, samples_ws)
+    held = np.zeros(len(point), bool)
+    for fitted in faces:
+        views, rotation = fitted.views, fitted.views.face.face_from_world
+        if not len(fitted.caster_indices):
+            continue
+        p = (surfaces.position[point] - samples_ws[sample]) @ rotation.T
+        windows = np.array([views.window_tangents(k) for k in range(views.view_count)])[sample]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            x, y = p[:, 0] / p[:, 2], p[:, 1] / p[:, 2]
+        inside = (p[:, 2] > views.near_m) & (windows[:, 0] <= x) & (x <= windows[:, 1]) & (windows[:, 2] <= y) & (y <= windows[:, 3])
+        place = np.searchsorted(fitted.caster_indices, instance)
+        known = place < len(fitted.caster_indices)
+        known[known] = fitted.caster_indices[place[known]] == instance[known]
+        known[known] = fitted.seen_by_view[sample[known], place[known]]
+        held |= inside & known & (p[:, 2] <= views.far_m)
+    lost = ~held
+    return list(zip(surfaces.pixel[point[lost]].tolist(), sample[lost].tolist(), instance[lost].tolist(), strict=True))
+
+
+@settings(max_examples=40)
+@given(scene=scenes())
+def test_whatever_is_shadowed_lies_in_a_window(scene):
+    """Every ray from what the camera sees to a light sample that something blocks ends in the window of that sample's view, on a face
+    that draws the blocker."""
+    (light,) = scene.lights
+    samples_m = area_light_samples(light, VIEWS)
+    triangles = world_triangles(scene)
+    surfaces = primary_surfaces(scene, triangles)
+    receivers = select_receivers(*g_buffer(scene, triangles, surfaces), light)
+    faces, is_cube = fit_light(scene, light, samples_m, compute_bounds(scene), receivers, RESOLUTION_PX)
+    assert len(faces) <= (5 if is_cube else 1)
+    lost = lost_pairs(scene, light, samples_m, faces, surfaces, triangles)
+    assert not lost, lost[:5]

@@ -1,0 +1,81 @@
+"""A render that is stopped after any batch has handed over the pass of the light samples so far."""
+
+import contextlib
+
+import numpy as np
+import pytest
+
+from tests.ray_tracing import bracket_pass
+from tests.scenes import METHODS, area_light, box, bumpy_sphere, floor, perspective_camera, render_passes, rmse, snapshot
+from vir_addon.core.plan import plan
+from vir_addon.core.render import Renderer, render
+from vir_addon.core.settings import Method, Settings
+
+WIDTH, HEIGHT = 28, 16
+VIEWS, BATCHES = 32, 8
+
+
+def still_life(width=WIDTH, height=HEIGHT):
+    meshes = [
+        floor(3.0),
+        box("box", (-0.9, 0.3, 0.5), (0.4, 0.5, 0.5), turn_rad=0.4),
+        bumpy_sphere("ball", (0.8, 0.0, 0.8), 0.6, 7, smooth=False),
+    ]
+    light = area_light(eye=(2.0, -2.0, 4.0), target=(0, 0, 0.5), size_m=(1.5, 1.5))
+    return snapshot(meshes, [light], perspective_camera((0.5, -6.0, 3.5), (0.0, 0.0, 0.5), width, height), width, height)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_batch_is_the_pass_of_the_samples_so_far(device, method):
+    """Against rays to just those samples, in float64."""
+    scene = still_life()
+    work = plan(scene, Settings(method=method, view_count=VIEWS, map_resolution_px=512))
+    assert work.batch_count == BATCHES
+    with contextlib.closing(Renderer(scene, work, device)) as renderer:
+        device.run(renderer.prepare)
+        (light_work,) = renderer.works
+        faces = [fitted for fitted, _, _ in light_work.faces]
+        positions = device.run(device.read, renderer.eye.positions)
+        for batch in range(BATCHES):
+            device.run(renderer.render_batch, batch)
+            if batch not in (0, 4):
+                continue
+            image = renderer.read_passes()["VIR Shadow Key"]
+            so_far = light_work.samples_m[: (batch + 1) * VIEWS // BATCHES]
+            truth = bracket_pass(scene, light_work.light, so_far, faces, positions)
+            assert truth.exact[truth.surface].std() > 0.1
+            wrong = np.maximum(truth.low - image, image - truth.high) > 2e-3
+            assert wrong.sum() <= 1, batch
+            assert rmse(image, truth.exact) < 0.02, batch
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_passes_only_get_better(device, method):
+    scene = still_life(96, 54)
+    arguments = {"method": method, "map_resolution_px": 512}
+    reference = render_passes(scene, device, view_count=1024, **arguments)
+    errors = []
+    steps = render(scene, plan(scene, Settings(view_count=VIEWS, **arguments)), device)
+    with contextlib.closing(steps):
+        for progress in steps:
+            passes = progress.passes
+            assert list(passes) == list(reference)
+            assert all(image.min() >= 0 and image.max() <= 1 for image in passes.values())
+            # one light: all together is it
+            np.testing.assert_allclose(passes["VIR Shadow"], passes["VIR Shadow Key"], atol=1e-6)
+            errors.append(rmse(passes["VIR Shadow Key"], reference["VIR Shadow Key"]))
+    # as much better as with independent samples, at least; stratified ones do better until they meet what all views share
+    assert errors[0] > 0.02
+    assert errors[-1] < errors[0] / np.sqrt(BATCHES), errors
+
+
+def test_a_stopped_render_does_not_disturb_the_next(device):
+    scene = still_life()
+    arguments = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": 256}
+    whole = render_passes(scene, device, **arguments)
+    with contextlib.closing(render(scene, plan(scene, Settings(**arguments)), device)) as steps:
+        stopped = next(steps).passes
+    assert not np.array_equal(stopped["VIR Shadow Key"], whole["VIR Shadow Key"])
+    again = render_passes(scene, device, **arguments)
+    for name, image in whole.items():
+        np.testing.assert_array_equal(again[name], image)

@@ -1,0 +1,136 @@
+"""What a render holds on the device: one batch of maps however many views there are, and nothing once it is closed."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.scenes import METHODS, area_light, box, bumpy_sphere, floor, perspective_camera, rectangle, snapshot
+from vir_addon.core.passes.shadow_maps import MAX_BATCH_VIEWS
+from vir_addon.core.plan import plan
+from vir_addon.core.render import render
+from vir_addon.core.settings import Method, PointStorage, Settings
+from vir_addon.device.interface import Device, Texture, TextureFormat
+
+WIDTH, HEIGHT = 64, 36
+MAKERS = ("create_texture", "upload_texture", "upload_mesh", "create_target")
+
+
+@dataclass
+class Holdings:
+    """Everything a device was asked for and not yet told to release."""
+
+    live: dict[int, Any] = field(default_factory=dict)
+    made_count: int = 0
+    released_twice: list[str] = field(default_factory=list)
+    peak_bytes: dict[TextureFormat, int] = field(default_factory=dict)
+
+    def add(self, thing: Any) -> Any:
+        release = thing.release
+        self.live[id(thing)] = thing
+        self.made_count += 1
+
+        def released() -> None:
+            if self.live.pop(id(thing), None) is None:
+                self.released_twice.append(type(thing).__name__)
+            release()
+
+        thing.release = released
+        for texture_format in TextureFormat:
+            own = sum(held.byte_count for held in self.live.values() if isinstance(held, Texture) and held.format is texture_format)
+            self.peak_bytes[texture_format] = max(self.peak_bytes.get(texture_format, 0), own)
+        return thing
+
+
+@contextlib.contextmanager
+def counted(device: Device, monkeypatch: pytest.MonkeyPatch) -> Iterator[Holdings]:
+    holdings = Holdings()
+
+    def counting(make: Any) -> Any:
+        return lambda *arguments: holdings.add(make(*arguments))
+
+    with monkeypatch.context() as patch:
+        for name in MAKERS:
+            patch.setattr(device, name, counting(getattr(device, name)))
+        yield holdings
+
+
+def scene(light_count: int = 1):
+    """The second light stands in a corner and takes a cube, and does not light the box."""
+    meshes = [
+        floor(3.0),
+        rectangle("wall", (-3, 2, 0), (6, 0, 0), (0, 0, 3)),
+        box("box", (-0.9, 0.3, 0.5), (0.4, 0.5, 0.5), turn_rad=0.4),
+        bumpy_sphere("ball", (0.8, 0.0, 0.8), 0.6, 24),
+    ]
+    lights = [
+        area_light("Key", (2.0, -2.0, 5.0)),
+        area_light("Rim", (-2.0, 1.0, 1.5), (0.0, 0.5, 0.5), (0.5, 0.5), receivers=np.array([True, True, False, True])),
+    ]
+    camera = perspective_camera((0.5, -6.0, 3.5), (0.0, 0.0, 0.5), WIDTH, HEIGHT)
+    return snapshot(meshes, lights[:light_count], camera, WIDTH, HEIGHT)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_memory_is_bounded_by_the_batch(device, monkeypatch, method):
+    """128 maps of 1024^2 would take 512 MiB."""
+    resolution_px, view_count = 1024, 128
+    taken = scene()
+    work = plan(taken, Settings(method=method, view_count=view_count, map_resolution_px=resolution_px))
+    peaks, at_batches = None, []
+    with counted(device, monkeypatch) as holdings, contextlib.closing(render(taken, work, device)) as steps:
+        for _ in steps:
+            at_batches.append(len(holdings.live))
+        peaks = holdings.peak_bytes
+    batch_bytes = 4 * resolution_px**2 * MAX_BATCH_VIEWS
+    counters_bytes = 1 << 10
+    eye_bytes = 12 * 9 * (WIDTH + 12) * (HEIGHT + 12)
+    assert batch_bytes <= peaks[TextureFormat.R32UI] <= batch_bytes + counters_bytes
+    assert peaks[TextureFormat.DEPTH32F] <= (batch_bytes if method is Method.MVR else 0) + eye_bytes
+    # a map is nowhere read back or kept as anything else, and the rest does not grow with the batches either
+    assert peaks[TextureFormat.RGBA32F] < batch_bytes
+    assert len(at_batches) == view_count // MAX_BATCH_VIEWS
+    assert at_batches[1] == at_batches[-1]
+
+
+STOPS = {"before the first batch": 0, "after one": 1, "after three": 3, "at the end": 8}
+HOW = {
+    "mvr": {"method": Method.MVR},
+    "buffered": {"method": Method.IVIR},
+    "bufferless": {"method": Method.IVIR, "points": PointStorage.BUFFERLESS},
+}
+
+
+@pytest.mark.parametrize("how", HOW)
+@pytest.mark.parametrize("stop", STOPS)
+def test_closing_leaves_nothing(device, monkeypatch, stop, how):
+    taken = scene(light_count=2)
+    work = plan(taken, Settings(view_count=16, map_resolution_px=64, **HOW[how]))
+    assert work.batch_count == STOPS["at the end"]
+    with counted(device, monkeypatch) as holdings:
+        steps = render(taken, work, device)
+        for _ in range(STOPS[stop]):
+            progress = next(steps)
+            assert np.isfinite(progress.passes["VIR Shadow"]).all()
+        assert bool(holdings.live) == (STOPS[stop] > 0)
+        steps.close()
+        assert (holdings.made_count > 20) == (STOPS[stop] > 0)
+        assert not holdings.live, [type(thing).__name__ for thing in holdings.live.values()]
+        assert not holdings.released_twice
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_an_error_between_batches_leaves_nothing(device, monkeypatch, error):
+    """What Ctrl-C, or a front end that fails, does to the generator."""
+    taken = scene(light_count=2)
+    with counted(device, monkeypatch) as holdings:
+        steps = render(taken, plan(taken, Settings(view_count=16, map_resolution_px=64)), device)
+        next(steps)
+        with pytest.raises(error):
+            steps.throw(error("stop"))
+        assert holdings.made_count > 20 and not holdings.live
