@@ -71,17 +71,20 @@ def estimate_point_count(snapshot: SceneSnapshot, light: Light, settings: Settin
 
 
 def estimate_methods(
-    snapshot: SceneSnapshot, light: Light, view_count: int, settings: Settings, bounds: SceneBounds
+    snapshot: SceneSnapshot, light: Light, view_count: int, settings: Settings, bounds: SceneBounds, face_count: int = 1
 ) -> dict[Method, float]:
-    """Milliseconds of making all depth maps with each method."""
+    """Milliseconds of making all depth maps with each method.
+
+    face_count: maps a view; they share out what casts, and each has its own texels to clear and its own walk over the triangles.
+    """
     casts = snapshot.instances.casts_shadow if light.blockers is None else light.blockers
     mesh_index = snapshot.instances.mesh_index[casts]
     triangles = float(np.array([mesh.triangle_count for mesh in snapshot.meshes])[mesh_index].sum())
-    texels = float(settings.map_resolution_px) ** 2
+    texels = face_count * float(settings.map_resolution_px) ** 2
     draws = len(np.unique(mesh_index))
     raster = view_count * (triangles * RASTER_NS_PER_TRIANGLE * 1e-6 + draws * RASTER_MS_PER_DRAW + texels * RASTER_NS_PER_TEXEL * 1e-6)
     points = estimate_point_count(snapshot, light, settings, bounds)
     generations = 1 if settings.points is PointStorage.BUFFERED else max(1, view_count // 8)
-    generate = generations * (triangles * GENERATE_NS_PER_TRIANGLE + points * GENERATE_NS_PER_POINT)
+    generate = generations * (face_count * triangles * GENERATE_NS_PER_TRIANGLE + points * GENERATE_NS_PER_POINT)
     replay = view_count * (points * SPLAT_NS_PER_POINT + texels * CLEAR_NS_PER_TEXEL)
     return {Method.MVR: raster, Method.IVIR: (generate + replay) * 1e-6}
