@@ -1,12 +1,11 @@
 // Looks every visible surface up in the depth maps of a batch and adds to the pass's running sums.
 //
 // The pass is sum(visible * delivered) / sum(delivered) over light samples and eye samples. What sample k would deliver:
-// the shading normal's cosine, the light's cosine and spread, and 1 / distance^2; all without the light's strength.
+// the shading normal's cosine, the light's cosine and spread or cone, and 1 / distance^2; all without the light's strength.
 #include "lib/linear_texel.glsl"
 #include "lib/octahedral.glsl"
 #include "lib/face.glsl"
 
-#define view_sample(k) (views[2 * (k) + 1].zw)  // of the view's centre, light space
 #define light_axis_fs (face[5].xyz)
 #define tan_half_spread (face[5].w)
 #define reference_squared_distance (face[4].z)  // keeps sums near 1 in scenes of any scale
@@ -15,6 +14,65 @@
 // plane runs away along the ray while the surface does not.
 const float MAX_PLANE_SHIFT_FOOTPRINTS = 8.0;
 
+#ifdef OMNI
+#define light_radius_m (face[7].x)
+#define soft_falloff (face[7].y > 0.5)
+#define cos_half_cone (face[7].z)
+#define per_blend_cosine (face[7].w)
+#define cone_right_fs (face[11].xyz)
+#define cone_up_fs (face[12].xyz)
+
+// What a point is to the light as a whole. SPHERE: every sample is seen under the cosine to the sphere's normal. From outside a
+// sphere only its near side shines, from inside all of it does. With a soft falloff it stands for a disc through its centre that
+// faces the point: it is seen under the directions that meet the disc, twice from outside (the near side and the far side, which
+// see the same as long as nothing casts within the sphere), once from inside.
+struct Place {
+    vec3 p_fs;
+    bool inside;
+    float gain;  // the disc's or sphere's irradiance is that of its centre, whatever counts
+    float disc;  // share of squared cosines to the centre's direction that meet the disc, times squared distance of the point
+};
+
+Place place_of(vec3 p_fs) {
+    Place place;
+    float squared = dot(p_fs, p_fs);
+    float squared_radius = light_radius_m * light_radius_m;
+    place.p_fs = p_fs;
+    place.inside = squared < squared_radius;
+    place.gain = soft_falloff && !place.inside ? 2.0 : 4.0;
+    place.disc = soft_falloff ? squared * (squared / (squared + squared_radius)) : 0.0;
+    return place;
+}
+
+float delivered(int k, vec3 p, float squared_distance, vec3 shading_fs, Place place) {
+    float receiver = -dot(shading_fs, p);
+    if (receiver <= 0.0) {
+        return 0.0;
+    }
+#ifdef SPHERE
+    float emitter = dot(view_center(k), p) / light_radius_m;
+    if (soft_falloff) {
+        float ahead = dot(p, place.p_fs);
+        emitter = ahead > 0.0 && ahead * ahead >= squared_distance * place.disc ? abs(emitter) : 0.0;
+    } else {
+        emitter = max(place.inside ? -emitter : emitter, 0.0);
+    }
+    emitter *= place.gain * samples[k].w;
+#else
+    float emitter = sqrt(squared_distance);
+#endif
+    float inverse = 1.0 / squared_distance;
+    float weight = (receiver * inverse) * (emitter * inverse) * reference_squared_distance;
+#ifdef CONE
+    // Blender's spot: smooth in the cosine to the axis of the cone's own, scaled space
+    vec3 local = vec3(dot(cone_right_fs, p), dot(cone_up_fs, p), dot(light_axis_fs, p));
+    float fade = clamp((local.z * inversesqrt(dot(local, local)) - cos_half_cone) * per_blend_cosine, 0.0, 1.0);
+    bool everywhere = place.inside && !soft_falloff;
+    weight *= everywhere ? 1.0 : fade * fade * (3.0 - 2.0 * fade);
+#endif
+    return weight;
+}
+#else
 float delivered(vec3 p, float squared_distance, vec3 shading_fs) {
     float receiver = -dot(shading_fs, p);
     float emitter = dot(light_axis_fs, p);
@@ -30,6 +88,7 @@ float delivered(vec3 p, float squared_distance, vec3 shading_fs) {
     }
     return weight;
 }
+#endif
 
 // 1 if the view sees the point, 0 if something is before it. p: from the view's centre, face space.
 // tolerance: in footprints, what the tangent plane does not explain.
@@ -72,11 +131,11 @@ float visible_from(int k, vec3 p, vec3 normal_fs, float tolerance) {
     return uintBitsToFloat(bits) >= receiver_depth - footprint * tolerance - 4.0e-7 * p.z ? 1.0 : 0.0;
 }
 
-// Which face of the light's half cube a direction belongs to (light space: x, y in the light's plane, z along its axis).
+// Which face of the light's cube a direction belongs to (light space: x, y in an area light's plane, z along its axis).
 int face_index(vec3 d) {
     vec2 side = abs(d.xy);
-    if (d.z >= max(side.x, side.y)) {
-        return 0;
+    if (abs(d.z) >= max(side.x, side.y)) {
+        return d.z > 0.0 ? 0 : 5;
     }
     return side.x >= side.y ? (d.x > 0.0 ? 1 : 2) : (d.y > 0.0 ? 3 : 4);
 }
@@ -104,6 +163,9 @@ void main() {
         float facing = min(dot(normal_fs, p_fs), 0.0);
         float slope = sqrt(max(dot(p_fs, p_fs) - facing * facing, 0.0)) / max(-facing, 1e-20);
         float tolerance = BIAS_FOOTPRINTS + BIAS_SLOPE_FOOTPRINTS * min(slope, BIAS_MAX_SLOPE);
+#ifdef OMNI
+        Place place = place_of(p_fs);
+#endif
         for (int k = 0; k < view_count; k++) {
             vec3 p = p_fs - view_center(k);
             float squared_distance = dot(p, p);
@@ -112,7 +174,7 @@ void main() {
                 continue;
             }
 #ifdef MANY_FACES
-            int belongs_to = face_index(vec3(p_ls.xy - view_sample(k), p_ls.z));
+            int belongs_to = face_index(p_ls - samples[k].xyz);
             if ((face_mask & (1 << belongs_to)) == 0) {
                 continue;
             }
@@ -120,7 +182,11 @@ void main() {
 #else
             const bool in_map = true;
 #endif
+#ifdef OMNI
+            float weight = delivered(k, p, squared_distance, shading_fs, place);
+#else
             float weight = delivered(p, squared_distance, shading_fs);
+#endif
             if (weight > 0.0) {
                 // faces without casters have no map and are looked up together with the first that has one
                 sums += weight * vec2(in_map ? visible_from(k, p, normal_fs, tolerance) : float(dot(normal_fs, p) < 0.0), 1.0);

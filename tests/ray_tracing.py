@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vir_addon.core.fit import FittedFace
-from vir_addon.core.scene import Light, SceneSnapshot
+from vir_addon.core.sampling import sample_weights
+from vir_addon.core.scene import Light, LightShape, SceneSnapshot
 
 RAYS_AT_ONCE = 4096
 """times some hundred triangles still fits into a cache"""
@@ -103,8 +104,41 @@ def _unit(v: np.ndarray) -> np.ndarray:
     return v / np.linalg.norm(v, axis=-1, keepdims=True)
 
 
+def spot_fade(light: Light, d: np.ndarray) -> np.ndarray:
+    """(..., 3) directions from the light -> (...) what the spot's cone leaves of it"""
+    scale = np.array([*light.cone_scale, 1.0])
+    local = d @ (light.world_from_light[:3, :3] * [1, 1, -1]) / scale
+    cosine, edge = local[..., 2] / np.linalg.norm(local, axis=-1), np.cos(light.cone_rad / 2)
+    with np.errstate(divide="ignore"):
+        t = np.clip((cosine - edge) / ((1 - edge) * light.cone_blend), 0, 1) if light.cone_blend else (cosine > edge).astype(float)
+    return 3 * t**2 - 2 * t**3
+
+
+def delivered_by_sphere(light: Light, samples_ws: np.ndarray, position: np.ndarray, shading: np.ndarray) -> np.ndarray:
+    """As `delivered`, of points and spots, whose samples are on the sphere (all of one weight)."""
+    center = light.world_from_light[:3, 3]
+    d = position[:, None] - samples_ws[None]
+    distance = np.linalg.norm(d, axis=-1)
+    receiver = np.maximum(-np.einsum("nj,nmj->nm", shading, d) / distance, 0)
+    weight = receiver / distance**2
+    away = np.linalg.norm(position - center, axis=1)[:, None]
+    inside = away < light.radius_m
+    if len(samples_ws) > 1:
+        cosine = np.einsum("mj,nmj->nm", (samples_ws - center) / light.radius_m, d) / distance
+        if light.has_soft_falloff:
+            towards = np.einsum("nmj,nj->nm", d, position - center) / (distance * away)
+            weight = weight * np.abs(cosine) * (towards > away / np.hypot(away, light.radius_m))
+        else:
+            weight = weight * np.maximum(np.where(inside, -cosine, cosine), 0)
+    if light.shape is LightShape.SPOT:
+        weight = weight * np.where(inside & (not light.has_soft_falloff), 1, spot_fade(light, d))
+    return weight
+
+
 def delivered(light: Light, samples_ws: np.ndarray, position: np.ndarray, shading: np.ndarray) -> np.ndarray:
     """(n points, m samples) what the light would deliver without anything in the way."""
+    if light.shape.is_omni:
+        return delivered_by_sphere(light, samples_ws, position, shading)
     axis = -light.world_from_light[:3, 2]
     d = position[:, None] - samples_ws[None]
     distance = np.linalg.norm(d, axis=-1)
@@ -119,7 +153,7 @@ def delivered(light: Light, samples_ws: np.ndarray, position: np.ndarray, shadin
 
 
 def samples_in_world(light: Light, samples_m: np.ndarray) -> np.ndarray:
-    return light.world_from_light[:3, 3] + samples_m @ light.world_from_light[:3, :2].T
+    return light.world_from_light[:3, 3] + samples_m @ (light.world_from_light[:3, :3] * [1, 1, -1]).T
 
 
 def nearest_blocker(points: np.ndarray, targets: np.ndarray, corners: np.ndarray, ignore_share: float = 1e-7) -> np.ndarray:
@@ -198,7 +232,8 @@ def bracket_pass(
     surfaces = surfaces_at(positions, scene, triangles)
     samples_ws = samples_in_world(light, samples_m)
     linked = np.ones(len(scene.instances), bool) if light.receivers is None else light.receivers
-    weight = delivered(light, samples_ws, surfaces.position, surfaces.shading) * linked[triangles.instance[surfaces.triangle]][:, None]
+    weight = delivered(light, samples_ws, surfaces.position, surfaces.shading) * sample_weights(light, samples_m)
+    weight = weight * linked[triangles.instance[surfaces.triangle]][:, None]
     casts = scene.instances.casts_shadow if light.blockers is None else light.blockers
     corners = triangles.corners[casts[triangles.instance]]
 
@@ -259,7 +294,8 @@ def _footprints(light: Light, faces: list[FittedFace], d: np.ndarray) -> tuple[n
     right, up, back = light.world_from_light[:3, :3].T
     x, y, z = d @ right, d @ up, -(d @ back)
     side = np.maximum(np.abs(x), np.abs(y))
-    index = np.where(z >= side, 0, np.where(np.abs(x) >= np.abs(y), np.where(x > 0, 1, 2), np.where(y > 0, 3, 4)))
+    beside = np.where(np.abs(x) >= np.abs(y), np.where(x > 0, 1, 2), np.where(y > 0, 3, 4))
+    index = np.where(np.abs(z) >= side, np.where(z > 0, 0, 5), beside)
     if len(faces) == 1 and faces[0].views.face.index == 0 and faces[0].views.face.limits[1] > 1:
         index[:] = 0
     for face in faces:

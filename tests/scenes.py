@@ -118,6 +118,23 @@ def area_light(
     return Light(name, shape, looking(eye, target), *size_m, spread_rad, **fields)
 
 
+def point_light(name: str = "Key", eye: Sequence[float] = (0.0, 0.0, 5.0), radius_m: float = 0.5, **fields: Any) -> Light:
+    fields = {"strength": 100.0, "casts_shadow": True, **fields}
+    return Light(name, LightShape.POINT, looking(eye, (eye[0], eye[1], eye[2] - 1)), 2 * radius_m, 2 * radius_m, np.pi, **fields)
+
+
+def spot_light(
+    name: str = "Key",
+    eye: Sequence[float] = (0.0, 0.0, 5.0),
+    target: Sequence[float] = (0.0, 0.0, 0.0),
+    radius_m: float = 0.5,
+    cone_rad: float = 1.0,
+    **fields: Any,
+) -> Light:
+    fields = {"strength": 100.0, "casts_shadow": True, **fields}
+    return Light(name, LightShape.SPOT, looking(eye, target), 2 * radius_m, 2 * radius_m, np.pi, cone_rad=cone_rad, **fields)
+
+
 def perspective_camera(eye: Sequence[float], target: Sequence[float], width: int, height: int, half_width: float = 0.5) -> Camera:
     """half_width: tangent of half the horizontal angle of view"""
     top = half_width * height / width

@@ -2,6 +2,7 @@
 #include "lib/seen_space.glsl"
 
 const float SMALL_TRIANGLE_SHARE = 0.01;  // of its depth
+const float TOUCHING_SHARE = 1.0 / 64.0;
 
 struct AlignedTriangle {
     vec3 corner_fs[3];
@@ -107,8 +108,9 @@ vec3 closest_point(vec3 p, vec3 a, vec3 b, vec3 c) {
 // view is nearer than the hull. `slack`: how far the surface meant reaches around the point.
 float least_visible_depth(vec3 p_fs, float slack) {
     vec3 outside = max(abs(p_fs - hull_box[0].xyz) - hull_box[1].xyz, 0.0);
-    // surfaces that touch the light would ask for any density
-    return max((length(outside) - slack) * hull_box[0].w, near_m);
+    // surfaces that touch the light would ask for any density; the few views that are nearer than this share of the light's diameter
+    // see holes in them
+    return max((length(outside) - slack) * hull_box[0].w, max(near_m, TOUCHING_SHARE * blur_depth));
 }
 
 // Texels per square metre of the plane with normal n at p (relative to a view), which is at least `least_depth` deep.

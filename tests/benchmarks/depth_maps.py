@@ -16,7 +16,7 @@ from vir_addon.core.passes.eye import EyePass
 from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.passes.shadow_maps import MAX_BATCH_VIEWS, DepthMaps, face_table
 from vir_addon.core.plan import PlannedPass
-from vir_addon.core.sampling import area_light_samples
+from vir_addon.core.sampling import light_samples
 from vir_addon.core.scene import SceneSnapshot
 from vir_addon.core.settings import Method, PointStorage, Settings
 from vir_addon.device.interface import EMPTY_DEPTH_BITS, Device
@@ -84,7 +84,7 @@ class Bench:
         device.run(eye.render, 0)
         receivers = select_receivers(device.read(eye.positions), device.read(eye.normals), self.light)
         eye.release()
-        self.samples_m = area_light_samples(self.light, view_count)
+        self.samples_m = light_samples(self.light, view_count)
         self.culled = cullable_instances(snapshot, bounds, light_hull(self.light, self.samples_m))
         faces, _ = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, resolution_px)
         self.fitted: FittedFace = faces[0]

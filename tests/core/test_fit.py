@@ -10,7 +10,7 @@ from tests.ray_tracing import delivered, intersect, primary_surfaces, samples_in
 from tests.scenes import area_light, box, bumpy_sphere, camera_from_above, floor, perspective_camera, rectangle, snapshot
 from vir_addon.core.bounds import compute_bounds
 from vir_addon.core.fit import fit_light, select_receivers
-from vir_addon.core.sampling import area_light_samples
+from vir_addon.core.sampling import light_samples
 
 WIDTH, HEIGHT = 24, 14
 VIEWS = 8
@@ -99,7 +99,7 @@ def test_whatever_is_shadowed_lies_in_a_window(scene):
     """Every ray from what the camera sees to a light sample that something blocks ends in the window of that sample's view, on a face
     that draws the blocker."""
     (light,) = scene.lights
-    samples_m = area_light_samples(light, VIEWS)
+    samples_m = light_samples(light, VIEWS)
     triangles = world_triangles(scene)
     surfaces = primary_surfaces(scene, triangles)
     receivers = select_receivers(*g_buffer(scene, triangles, surfaces), light)

@@ -1,14 +1,11 @@
 """What a scene does not call for is not done, and the plan says why."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-from tests.scenes import area_light, box, bumpy_sphere, floor, perspective_camera, render_passes, snapshot
+from tests.scenes import area_light, box, bumpy_sphere, floor, perspective_camera, point_light, render_passes, snapshot, spot_light
 from vir_addon.core.errors import SceneError, UsageError
 from vir_addon.core.plan import plan
-from vir_addon.core.scene import LightShape
 from vir_addon.core.settings import Method, PointStorage, Settings
 
 WIDTH, HEIGHT = 48, 27
@@ -29,6 +26,7 @@ SKIPPED = {
     "casts no shadow": (area_light(casts_shadow=False), 1.0),
     "has no strength": (area_light(strength=0.0), 1.0),
     "faces away": (area_light(eye=(0, 0, 5), target=(0, 0, 9)), 0.0),
+    "does not shine on": (spot_light(eye=(0, 0, 5), target=(0, 0, 9)), 0.0),
     "light linking leaves it nothing": (area_light(receivers=np.zeros(2, bool)), 1.0),
     "nothing casts its shadow": (area_light(blockers=np.zeros(2, bool)), 1.0),
 }
@@ -46,19 +44,25 @@ def test_no_work_for_nothing(device, reason):
     assert (image == surface_value).any() and image[-1, 0] == 1
 
 
-def test_other_kinds_of_light_are_named(device):
-    point = dataclasses.replace(area_light("Bulb"), shape=LightShape.POINT)
-    scene = scene_with(point, area_light())
+def test_kinds_of_light_are_named():
+    scene = scene_with(area_light(), point_light("Bulb", radius_m=0.25), spot_light("Beam", cone_rad=np.radians(40)))
     lines = {line.light_name: line for line in plan(scene, Settings()).passes}
-    assert not lines["Bulb"].runs and "point light" in lines["Bulb"].reason
-    assert lines["Key"].runs
-    with pytest.raises(SceneError, match=r"'Bulb' \(point\)"):
-        plan(scene_with(point), Settings())
+    assert all(line.runs for line in lines.values())
+    assert "1 x 1 m rectangle" in lines["Key"].reason
+    assert "point light of 0.25 m radius" in lines["Bulb"].reason
+    assert "spot of 40 degrees" in lines["Beam"].reason
+
+
+def test_faces_cost():
+    """A lamp among what it lights takes a cube, and its prediction says so."""
+    above, among = (planned(scene_with(point_light(eye=(0, 0, height))), method=Method.MVR) for height in (9.0, 0.5))
+    assert among.predicted_ms > 1.5 * above.predicted_ms
 
 
 def test_light_without_size_gets_one_view():
-    line = planned(scene_with(area_light(size_m=(0.0, 0.0))), view_count=64)
-    assert line.runs and line.view_count == 1 and "one view" in line.reason
+    for light in (area_light(size_m=(0.0, 0.0)), point_light(radius_m=0.0), spot_light(radius_m=0.0)):
+        line = planned(scene_with(light), view_count=64)
+        assert line.runs and line.view_count == 1 and "one view" in line.reason
     assert planned(scene_with(area_light(size_m=(1.0, 0.0))), view_count=64).view_count == 64
 
 

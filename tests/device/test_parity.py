@@ -16,7 +16,7 @@ from vir_addon.core.methods.mvr import MultiviewRasterization
 from vir_addon.core.passes.eye import EyePass
 from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.passes.shadow_maps import DepthMaps, face_table
-from vir_addon.core.sampling import area_light_samples
+from vir_addon.core.sampling import light_samples
 from vir_addon.core.scene import Camera, Instances, Light, LightShape, Mesh, PixelFilter, SceneSnapshot
 from vir_addon.core.settings import PointStorage, Settings
 from vir_addon.device.interface import EMPTY_DEPTH_BITS, TextureFormat
@@ -89,7 +89,7 @@ class Renderer:
         self.eye = EyePass(snapshot, self.scene_data, device, self.bounds, np.array([[0.125, -0.25]]))
         self.eye.render(0)
         self.positions, self.normals = device.read(self.eye.positions), device.read(self.eye.normals)
-        self.samples = area_light_samples(self.light, VIEW_COUNT)
+        self.samples = light_samples(self.light, VIEW_COUNT)
 
     def fit(self, receivers):
         faces, _ = fit_light(self.snapshot, self.light, self.samples, self.bounds, receivers, MAP_SIZE_PX)

@@ -40,6 +40,9 @@ class LightRow:
     spread_rad: float
     strength: float
     casts_shadow: bool
+    has_soft_falloff: bool
+    cone_rad: float
+    cone_blend: float
 
 
 def read_light(item: bpy.types.DepsgraphObjectInstance) -> LightRow:
@@ -59,6 +62,9 @@ def read_light(item: bpy.types.DepsgraphObjectInstance) -> LightRow:
         spread_rad=data.spread if shape.is_area else math.pi,
         strength=compute_strength(data, item.matrix_world),
         casts_shadow=data.use_shadow,
+        has_soft_falloff=shape.is_omni and data.use_soft_falloff,
+        cone_rad=data.spot_size if shape is LightShape.SPOT else 2.0 * math.pi,
+        cone_blend=data.spot_blend if shape is LightShape.SPOT else 0.0,
     )
 
 
@@ -139,7 +145,19 @@ def place_light(row: LightRow, name: str, world_origin_m: np.ndarray) -> Light |
         spread_rad=row.spread_rad,
         strength=row.strength,
         casts_shadow=row.casts_shadow,
+        has_soft_falloff=row.has_soft_falloff,
+        cone_rad=row.cone_rad,
+        cone_blend=row.cone_blend,
+        cone_scale=_cone_scale(row),
     )
+
+
+def _cone_scale(row: LightRow) -> tuple[float, float]:
+    """A spot's cone is scaled with its object: twice as wide along x where x is scaled twice as much as z."""
+    scale = np.linalg.norm(row.world_from_object[:3, :3], axis=0)
+    if row.shape is not LightShape.SPOT or not scale.all():
+        return 1.0, 1.0
+    return float(scale[0] / scale[2]), float(scale[1] / scale[2])
 
 
 def _orthonormal(axes: np.ndarray, is_flat: bool) -> tuple[np.ndarray, float, float] | None:

@@ -95,12 +95,15 @@ def _point_count(estimates: _InstanceEstimates, settings: Settings) -> float:
 
 
 def estimate_methods(
-    snapshot: SceneSnapshot, light: Light, view_count: int, settings: Settings, bounds: SceneBounds
+    snapshot: SceneSnapshot, light: Light, view_count: int, settings: Settings, bounds: SceneBounds, face_count: int = 1
 ) -> dict[Method, float]:
-    """Milliseconds of making all depth maps with each method."""
+    """Milliseconds of making all depth maps with each method.
+
+    face_count: maps a view; they share out what casts, and each has its own texels to clear and its own walk over the triangles.
+    """
     estimates = _estimate_instances(snapshot, light, settings, bounds)
     triangles = float(estimates.triangle_count.sum())
-    texels = float(settings.map_resolution_px) ** 2
+    texels = face_count * float(settings.map_resolution_px) ** 2
     draws = len(np.unique(snapshot.instances.mesh_index[estimates.triangle_count > 0]))
     covered = min(float((estimates.triangle_count * estimates.facing * estimates.texel_area).sum()), MAX_LAYERS * texels)
     raster_ns = view_count * (triangles * RASTER_NS_PER_TRIANGLE + draws * RASTER_NS_PER_DRAW + texels * RASTER_NS_PER_TEXEL)
@@ -108,15 +111,15 @@ def estimate_methods(
     is_small = estimates.texel_perimeter <= SMALL_PERIMETER_TEXELS
     facing = estimates.triangle_count * estimates.facing
     small, large = float(facing[is_small].sum()), float(facing[~is_small].sum())
-    micro_ns = triangles * GATHER_NS_PER_TRIANGLE + view_count * (
+    micro_ns = face_count * triangles * GATHER_NS_PER_TRIANGLE + view_count * (
         small * SMALL_NS_PER_TRIANGLE
         + min(float((facing * estimates.texel_area)[is_small].sum()), covered) * SMALL_NS_PER_TEXEL
         + texels * CLEAR_NS_PER_TEXEL
-        + (large * RASTER_NS_PER_TRIANGLE + RASTER_NS_PER_DRAW + texels * RASTER_NS_PER_TEXEL if large else 0.0)
+        + (large * RASTER_NS_PER_TRIANGLE + face_count * RASTER_NS_PER_DRAW + texels * RASTER_NS_PER_TEXEL if large else 0.0)
     )
 
     points = _point_count(estimates, settings)
     generations = 1 if settings.points is PointStorage.BUFFERED else max(1, view_count // 8)
-    ivir_ns = generations * (triangles * GENERATE_NS_PER_TRIANGLE + points * GENERATE_NS_PER_POINT)
+    ivir_ns = generations * (face_count * triangles * GENERATE_NS_PER_TRIANGLE + points * GENERATE_NS_PER_POINT)
     ivir_ns += view_count * (points * SPLAT_NS_PER_POINT + texels * CLEAR_NS_PER_TEXEL)
     return {Method.MVR: raster_ns * 1e-6, Method.MICRO: micro_ns * 1e-6, Method.IVIR: ivir_ns * 1e-6}

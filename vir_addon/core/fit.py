@@ -13,13 +13,23 @@ import numpy as np
 
 from .bounds import FLAT_TOLERANCE, SceneBounds
 from .scene import Light, SceneSnapshot
-from .views import MAX_SINGLE_FACE_TANGENT, NEAR_SHARE_OF_FAR, Face, FaceViews, area_light_faces, fit_windows, light_axes
+from .views import (
+    MAX_SINGLE_FACE_TANGENT,
+    MIN_RECEIVER_MARGIN,
+    NEAR_SHARE_OF_FAR,
+    Face,
+    FaceViews,
+    area_light_faces,
+    fit_windows,
+    fits_single_face,
+    light_axes,
+    omni_faces,
+    single_omni_face,
+)
 
 MAX_RECEIVER_POINTS = 16384
 RECEIVER_MARGIN_PX = 5.0
 """Filters reach 1.5 pixels to each side, and perspective may make the outermost pixels cover more than the mean."""
-MIN_RECEIVER_MARGIN = 0.02
-"""Windows are wider than the receivers seen first by this share: later eye samples shift by parts of a pixel and see a little more."""
 NOTHING = np.array([1.0, -1.0, 1.0, -1.0])
 """bounds (left, right, bottom, top) that hold no point"""
 MAX_PAIRS = 4_000_000
@@ -64,7 +74,7 @@ class Receivers:
 
 
 def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -> Receivers:
-    """What of an eye G-buffer lies before the light's plane and is (by either normal) turned towards some of it.
+    """What of an eye G-buffer lies where the light shines and is (by either normal) turned towards some of it.
 
     positions, normals: the G-buffer's textures, (height, width, 4).
     """
@@ -79,17 +89,47 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -
     # the light's nearest point to the plane of the surface decides whether any of it is above the horizon; the shading normal
     # may lean towards the light by as much again, so surfaces turned away by a little are kept
     turned = np.einsum("ij,ij->i", normal @ axes.T, -p) > -half - 0.5 * np.linalg.norm(p, axis=1)
-    reach = (p[:, 2] > 0) & turned
+    reach = lit_places(light, p) & turned
     margin = _margin(surface, reach)
     points, p = points[reach], p[reach]
     if len(points) <= MAX_RECEIVER_POINTS:
         return Receivers(points, margin)
     chosen = [np.arange(0, len(points), -(-len(points) // MAX_RECEIVER_POINTS))]
-    tangents = p[:, :2] / p[:, 2:]
-    slices = np.argsort(p[:, 2], kind="stable")
-    for part in np.array_split(slices, 32):
-        chosen += [part[tangents[part].argmin(axis=0)], part[tangents[part].argmax(axis=0)], part[[0, -1]]]
+    if light.shape.is_omni:
+        for face in omni_faces(light):
+            p_fs = p @ (face.face_from_world @ axes.T).T
+            # as far to the sides as a single frustum reaches
+            before = np.flatnonzero((np.abs(p_fs[:, :2]) < MAX_SINGLE_FACE_TANGENT * p_fs[:, 2:]).all(axis=1))
+            chosen += [before[part] for part in _outermost(p_fs[before])]
+    else:
+        chosen += _outermost(p)
     return Receivers(points[np.unique(np.concatenate(chosen))], margin)
+
+
+def lit_places(light: Light, p_ls: np.ndarray) -> np.ndarray:
+    """(n,) bool: which places, (n, 3) light space, some of the light shines upon: before an area light's plane, in a spot's cone."""
+    if not light.shape.is_omni:
+        return p_ls[:, 2] > 0
+    half = light.cone_rad / 2
+    if half >= np.pi:
+        return np.ones(len(p_ls), bool)
+    scale = np.array([max(factor, 1e-6) for factor in (*light.cone_scale, 1.0)])
+    q, radius_m = p_ls / scale, light.radius_m / scale.min()
+    # the cones of all places of the sphere lie in the one whose apex is moved back until it touches the sphere
+    depth = q[:, 2] + radius_m / np.sin(half)
+    distance = np.sqrt(q[:, 0] ** 2 + q[:, 1] ** 2 + depth**2)
+    return (depth >= np.cos(half) * distance) | (np.linalg.norm(p_ls, axis=1) <= light.radius_m)
+
+
+def _outermost(p: np.ndarray) -> list[np.ndarray]:
+    """Indices of the outermost points, (n, 3) with positive depth, in slices of depth."""
+    if not len(p):
+        return []
+    tangents = p[:, :2] / p[:, 2:]
+    chosen = []
+    for part in np.array_split(np.argsort(p[:, 2], kind="stable"), min(32, len(p))):
+        chosen += [part[tangents[part].argmin(axis=0)], part[tangents[part].argmax(axis=0)], part[[0, -1]]]
+    return chosen
 
 
 def _margin(surface: np.ndarray, reach: np.ndarray) -> float:
@@ -100,16 +140,16 @@ def _margin(surface: np.ndarray, reach: np.ndarray) -> float:
     return max(MIN_RECEIVER_MARGIN, RECEIVER_MARGIN_PX / (min(np.ptp(rows), np.ptp(columns)) + 1))
 
 
-def needs_cube(light: Light, receivers_ws: np.ndarray, samples_m: np.ndarray) -> bool:
-    """Whether one frustum of at most 100 degrees leaves out a receiver, seen from any light sample."""
-    p = (receivers_ws - light.world_from_light[:3, 3]) @ light_axes(light).T
-    reach = np.abs(p[:, :2]) + np.abs(samples_m).max(axis=0)
-    return bool((reach > MAX_SINGLE_FACE_TANGENT * (1 - MIN_RECEIVER_MARGIN) * p[:, 2:]).any())
+def choose_faces(light: Light, receivers_ws: np.ndarray, samples_m: np.ndarray) -> tuple[Face, ...]:
+    """One face if it holds all receivers, otherwise those of a cube."""
+    if light.shape.is_omni:
+        single = single_omni_face(light, receivers_ws, samples_m)
+        return omni_faces(light) if single is None else (single,)
+    (front,) = area_light_faces(light, needs_cube=False)
+    return (front,) if fits_single_face(front, light, receivers_ws, samples_m) else area_light_faces(light, needs_cube=True)
 
 
-def _shadows_nothing(
-    snapshot: SceneSnapshot, bounds: SceneBounds, instance: int, light_corners_ws: np.ndarray, receivers_ws: np.ndarray
-) -> bool:
+def _shadows_nothing(snapshot: SceneSnapshot, bounds: SceneBounds, instance: int, samples_ws: np.ndarray, receivers_ws: np.ndarray) -> bool:
     """Whether a flat caster has the light and every receiver on the same side: then it shadows nothing, itself included."""
     mesh_index = int(snapshot.instances.mesh_index[instance])
     mesh, axis = snapshot.meshes[mesh_index], int(bounds.flat_axis[mesh_index])
@@ -117,7 +157,7 @@ def _shadows_nothing(
     normal = np.linalg.inv(matrix[:3, :3])[axis]
     normal /= np.linalg.norm(normal)
     origin = matrix[:3, :3] @ mesh.positions_os[mesh.triangles[0, 0]].astype(np.float64) + matrix[:3, 3]
-    light_side = (light_corners_ws - origin) @ normal
+    light_side = (samples_ws - origin) @ normal
     receiver_side = (receivers_ws - origin) @ normal
     if light_side.min() < 0:
         light_side, receiver_side = -light_side, -receiver_side
@@ -129,20 +169,19 @@ def shadowing_casters(
     snapshot: SceneSnapshot, light: Light, bounds: SceneBounds, receivers_ws: np.ndarray, samples_m: np.ndarray
 ) -> CasterSet:
     """Casters of the light without flat ones that shadow nothing visible."""
-    light_corners_ws = light_hull(light, samples_m)
+    samples_ws = light.world_from_light[:3, 3] + samples_m @ light_axes(light)
     indices = light_casters(snapshot, light)
     flat = bounds.flat_axis[snapshot.instances.mesh_index[indices]] >= 0
-    idle = [i for i in indices[flat] if _shadows_nothing(snapshot, bounds, int(i), light_corners_ws, receivers_ws)]
+    idle = [i for i in indices[flat] if _shadows_nothing(snapshot, bounds, int(i), samples_ws, receivers_ws)]
     indices = np.setdiff1d(indices, np.array(idle, np.int64))
     return CasterSet(indices, bounds.corners_ws[indices])
 
 
 def light_hull(light: Light, samples_m: np.ndarray) -> np.ndarray:
-    """(1 or 4, 3) float64 world-space corners of a rectangle around all light samples"""
-    low, high = samples_m.min(axis=0), samples_m.max(axis=0)
-    corners = np.unique(np.array([[low[0], low[1]], [high[0], low[1]], [low[0], high[1]], [high[0], high[1]]]), axis=0)
-    rotation, center = light.world_from_light[:3, :3], light.world_from_light[:3, 3]
-    return center + corners @ rotation[:, :2].T
+    """(1, 2, 4 or 8, 3) float64 world-space corners of a box around all light samples"""
+    ends = (samples_m.min(axis=0), samples_m.max(axis=0))
+    corners = np.unique([[ends[i][0], ends[j][1], ends[k][2]] for k in (0, 1) for j in (0, 1) for i in (0, 1)], axis=0)
+    return light.world_from_light[:3, 3] + corners @ light_axes(light)
 
 
 def _tangent_bounds(points: np.ndarray, near_m: float, limits: tuple[float, float, float, float]) -> np.ndarray:
@@ -170,6 +209,17 @@ def _tangent_bounds(points: np.ndarray, near_m: float, limits: tuple[float, floa
     return bounds
 
 
+def _may_be_in_face(points: np.ndarray, hull_fs: np.ndarray, near_m: float, limits: tuple[float, float, float, float]) -> np.ndarray:
+    """(n,) bool: points, (n, 3) face space, that some view in the box around the hull may have within the face's limits."""
+    low, high = hull_fs.min(axis=0), hull_fs.max(axis=0)
+    deepest = points[:, 2] - low[2]
+    inside = deepest > near_m
+    for axis in (0, 1):
+        inside &= points[:, axis] - high[axis] <= max(limits[2 * axis + 1], 0.0) * deepest
+        inside &= points[:, axis] - low[axis] >= min(limits[2 * axis], 0.0) * deepest
+    return inside
+
+
 def _is_empty(bounds: np.ndarray) -> np.ndarray:
     return (bounds[..., 0] > bounds[..., 1]) | (bounds[..., 2] > bounds[..., 3])
 
@@ -193,15 +243,13 @@ def fit_face(
 ) -> FittedFace | None:
     """Windows of all views of a face. None when the face holds no receiver; without casters when nothing in it is shadowed."""
     rotation, center = face.face_from_world, light.world_from_light[:3, 3]
-    centers_fs = samples_m @ light.world_from_light[:3, :2].T @ rotation.T
+    centers_fs = samples_m @ light_axes(light) @ rotation.T
     hull_fs = (light_hull(light, samples_m) - center) @ rotation.T
     points = (receivers.points_ws - center) @ rotation.T
     far_m = float(points[:, 2].max() - hull_fs[:, 2].min())
     if far_m <= 0:
         return None
-    in_face = np.zeros(len(points), bool)
-    for corner in hull_fs:
-        in_face |= ~_is_empty(_tangent_bounds((points - corner)[:, None], NEAR_SHARE_OF_FAR * far_m, face.limits))
+    in_face = _may_be_in_face(points, hull_fs, NEAR_SHARE_OF_FAR * far_m, face.limits)
     if not in_face.any():
         return None
     points = points[in_face]
@@ -253,7 +301,7 @@ def fit_light(
     """All faces of a light that hold receivers, and whether it took a cube."""
     if not len(receivers.points_ws):
         return [], False
-    cube = needs_cube(light, receivers.points_ws, samples_m)
+    faces = choose_faces(light, receivers.points_ws, samples_m)
     casters = shadowing_casters(snapshot, light, bounds, receivers.points_ws, samples_m)
-    faces = (fit_face(face, light, samples_m, casters, receivers, resolution_px) for face in area_light_faces(light, cube))
-    return [face for face in faces if face is not None], cube
+    fitted = (fit_face(face, light, samples_m, casters, receivers, resolution_px) for face in faces)
+    return [face for face in fitted if face is not None], len(faces) > 1

@@ -15,10 +15,10 @@ from .pass_set import PassStatistics
 from .passes.accumulate import MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, PassAccumulator
 from .passes.eye import EyePass
 from .passes.scene_data import SceneData
-from .passes.shadow_maps import RESOLVE, DepthMaps, face_table, views_table
+from .passes.shadow_maps import RESOLVE, DepthMaps, face_table, samples_table, views_table
 from .plan import PlannedPass, RenderPlan
-from .sampling import area_light_samples
-from .scene import Light, SceneSnapshot
+from .sampling import light_samples, sample_weights
+from .scene import Light, LightShape, SceneSnapshot
 from .settings import Resolve
 from .stopwatch import Stopwatch
 
@@ -51,11 +51,14 @@ class LightWork:
         self.planned, self.plan, self.scene_data, self.store = planned, plan, scene_data, store
         self.device = scene_data.device
         self.light: Light = next(light for light in snapshot.lights if light.name == planned.light_name)
-        self.samples_m = area_light_samples(self.light, planned.view_count)
+        self.samples_m = light_samples(self.light, planned.view_count)
+        self.sample_weights = sample_weights(self.light, self.samples_m)
         self.accumulator = PassAccumulator(self.device, snapshot.width_px, snapshot.height_px)
         self.resolve_flags: list[str] = []
         if planned.method.uses_points:
             self.resolve_flags.append("POINT_MAPS")
+        if self.light.shape.is_omni:
+            self.resolve_flags += ["OMNI"] + ["SPHERE"] * (planned.view_count > 1) + ["CONE"] * (self.light.shape is LightShape.SPOT)
         self.receivers = store.no_receivers
         if self.light.receivers is not None:
             rows = np.zeros((len(self.light.receivers), 4), np.float32)
@@ -131,6 +134,7 @@ class LightWork:
                     maps,
                     face=table,
                     views=views_table(fitted.views, selected),
+                    samples=samples_table(fitted.views, self.sample_weights, selected),
                     view_count=len(selected),
                     map_face=fitted.views.face.index,
                     face_mask=own_mask | unmapped_mask if index == 0 else own_mask,
@@ -141,7 +145,8 @@ class LightWork:
             # nothing visible is reached; surfaces still have to be told from the background
             with stopwatch.stage("resolve"):
                 nothing = {"view_count": 0, "map_face": 0, "face_mask": 0, "first_face": 1, "last_face": 1}
-                self._resolve(eye, self.store.maps(1, 1, 1), face=np.zeros((1, 4)), views=np.zeros((1, 4)), **nothing)
+                empty = {name: np.zeros((1, 4)) for name in ("face", "views", "samples")}
+                self._resolve(eye, self.store.maps(1, 1, 1), **empty, **nothing)
         if self._may_settle(batch):
             with stopwatch.stage("resolve"):
                 self.accumulator.settle()

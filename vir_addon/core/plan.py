@@ -10,16 +10,20 @@ import numpy as np
 from . import cost
 from .bounds import SceneBounds, compute_bounds
 from .errors import SceneError, UsageError
-from .fit import light_casters
+from .fit import choose_faces, light_casters, lit_places
 from .pass_set import unique_pass_names
 from .passes.shadow_maps import MAX_BATCH_VIEWS
-from .scene import Camera, Light, SceneSnapshot
+from .scene import Camera, Light, LightShape, SceneSnapshot
 from .settings import Method, PointStorage, Settings
 from .views import light_axes
 
 MIN_EYE_SAMPLES = 8
 MAX_EYE_SAMPLES = 16
 """Anti-aliasing gains little from more: with 16 samples of the filter an edge pixel is off by about a fiftieth."""
+
+LATTICE_STEPS = 6
+MAX_LATTICE_BOXES = 1024
+"""what is enough to tell which faces of a cube will be needed"""
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,8 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     lights = _chosen_lights(snapshot, settings)
     names = unique_pass_names([light.name for light in snapshot.lights])
     bounds = compute_bounds(snapshot)
-    passes = tuple(_plan_light(snapshot, light, names[light.name], settings, bounds) for light in lights)
+    places_ws = _visible_places(snapshot, bounds.corners_ws)
+    passes = tuple(_plan_light(snapshot, light, names[light.name], settings, bounds, places_ws) for light in lights)
     running = [planned for planned in passes if planned.runs]
     most_views = max((planned.view_count for planned in running), default=0)
     per_batch = _views_per_batch(settings)
@@ -92,23 +97,21 @@ def _chosen_lights(snapshot: SceneSnapshot, settings: Settings) -> list[Light]:
     else:
         lights = list(snapshot.lights)
     if not lights:
-        raise SceneError(f"scene {snapshot.scene_name!r} has no light that is rendered; add an area light or enable one for rendering")
-    if not any(light.shape.is_area for light in lights):
-        kinds = ", ".join(f"{light.name!r} ({light.shape.value})" for light in lights)
-        raise SceneError(f"scene {snapshot.scene_name!r} has no area light, the only kind this version makes shadows of; it has {kinds}")
+        raise SceneError(f"scene {snapshot.scene_name!r} has no light that is rendered; add a light or enable one for rendering")
     return lights
 
 
-def _plan_light(snapshot: SceneSnapshot, light: Light, pass_name: str, settings: Settings, bounds: SceneBounds) -> PlannedPass:
+def _plan_light(
+    snapshot: SceneSnapshot, light: Light, pass_name: str, settings: Settings, bounds: SceneBounds, places_ws: np.ndarray
+) -> PlannedPass:
     skipped = _reason_to_skip(snapshot, light, bounds.corners_ws)
     if skipped is not None:
         reason, surface_value = skipped
         return PlannedPass(light.name, pass_name, runs=False, reason=reason, surface_value=surface_value)
-    has_size = light.size_x_m > 0 or light.size_y_m > 0
-    view_count = settings.view_count if has_size else 1
-    size = f"{light.size_x_m:.3g} x {light.size_y_m:.3g} m {light.shape.value}"
-    reason = size if has_size else "the light has no size: one view, a hard shadow"
-    estimates = cost.estimate_methods(snapshot, light, view_count, settings, bounds)
+    view_count = settings.view_count if light.has_size else 1
+    reason = _describe(light) if light.has_size else f"{_describe(light)} without size: one view, a hard shadow"
+    face_count = _likely_face_count(light, places_ws)
+    estimates = cost.estimate_methods(snapshot, light, view_count, settings, bounds, face_count=face_count)
     if settings.method is Method.AUTO:
         method = min(estimates, key=lambda m: estimates[m])
         other = max(estimates, key=lambda m: estimates[m])
@@ -127,14 +130,46 @@ def _plan_light(snapshot: SceneSnapshot, light: Light, pass_name: str, settings:
         points=settings.points if method is Method.IVIR else None,
         view_count=view_count,
         map_resolution_px=settings.map_resolution_px,
-        predicted_ms=estimates[method] + cost.resolve_ms(snapshot, view_count),
+        predicted_ms=estimates[method] + face_count * cost.resolve_ms(snapshot, view_count),
     )
+
+
+def _describe(light: Light) -> str:
+    if light.shape is LightShape.SUN:
+        return f"sun of {2 * math.degrees(math.atan(light.size_x_m / 2)):.3g} degrees" if light.has_size else "sun"
+    if light.shape.is_area:
+        return f"{light.size_x_m:.3g} x {light.size_y_m:.3g} m {light.shape.value}" if light.has_size else "area light"
+    kind = "point light" if light.shape is LightShape.POINT else f"spot of {math.degrees(light.cone_rad):.3g} degrees"
+    return f"{kind} of {light.radius_m:.3g} m radius" if light.has_size else kind
+
+
+def _visible_places(snapshot: SceneSnapshot, corners_ws: np.ndarray) -> np.ndarray:
+    """(n, 3) places in the boxes of what may be seen, on a coarse lattice, as far as they are in the camera's view."""
+    boxes = corners_ws[snapshot.instances.visible_to_camera & _may_be_in_picture(snapshot.camera, corners_ws)]
+    largest = np.argsort(-np.ptp(boxes, axis=1).max(axis=1), kind="stable")
+    boxes = boxes[largest[:MAX_LATTICE_BOXES]]
+    u = np.linspace(0, 1, LATTICE_STEPS)
+    lattice = np.stack(np.meshgrid(u, u, u, indexing="ij"), axis=-1).reshape(-1, 1, 3)
+    # corner i of a box lies at bit k of i along axis k (core/bounds.py)
+    edges = boxes[:, [1, 2, 4]] - boxes[:, :1]
+    places = (boxes[:, :1] + lattice[:, 0] @ edges).reshape(-1, 1, 3)
+    return places[_may_be_in_picture(snapshot.camera, places), 0]
+
+
+def _likely_face_count(light: Light, places_ws: np.ndarray) -> int:
+    """1, or in how many faces of a cube some of the places are lit."""
+    if light.shape is LightShape.SUN:
+        return 1
+    p = places_ws - light.world_from_light[:3, 3]
+    p = p[lit_places(light, p @ light_axes(light).T)]
+    faces = choose_faces(light, p + light.world_from_light[:3, 3], np.zeros((1, 3)))
+    if len(faces) == 1:
+        return 1
+    return sum(bool((np.abs(p_fs[:, :2]) <= p_fs[:, 2:]).all(axis=1).any()) for p_fs in (p @ face.face_from_world.T for face in faces))
 
 
 def _reason_to_skip(snapshot: SceneSnapshot, light: Light, corners_ws: np.ndarray) -> tuple[str, float] | None:  # noqa: PLR0911  a list of reasons
     """The reason and the value of surfaces, or None when the light calls for work."""
-    if not light.shape.is_area:
-        return f"skipped: this version makes shadows of area lights only, this is a {light.shape.value} light", 1.0
     if not light.casts_shadow:
         return "skipped: the light casts no shadow", 1.0
     if light.strength == 0 or not math.isfinite(light.strength):
@@ -146,12 +181,26 @@ def _reason_to_skip(snapshot: SceneSnapshot, light: Light, corners_ws: np.ndarra
         visible &= light.receivers
         if not visible.any():
             return "skipped: light linking leaves it nothing in the picture to light", 1.0
-    depths = (corners_ws[visible] - light.world_from_light[:3, 3]) @ light_axes(light)[2]
-    if not (depths > 0).any():
-        return "skipped: it faces away from everything in the picture", 0.0
+    if not _may_shine_on(light, corners_ws[visible]):
+        return f"skipped: it {'faces away from' if light.shape.is_area else 'does not shine on'} everything in the picture", 0.0
     if not len(light_casters(snapshot, light)):
         return "skipped: nothing casts its shadow", 1.0
     return None
+
+
+def _may_shine_on(light: Light, corners_ws: np.ndarray) -> bool:
+    """Whether any of the boxes, (n, 8, 3), may reach into where the light shines."""
+    if light.shape in (LightShape.POINT, LightShape.SUN):
+        return True
+    corners = (corners_ws - light.world_from_light[:3, 3]) @ light_axes(light).T
+    before = (corners[..., 2] > (-light.radius_m if light.shape.is_omni else 0)).any(axis=-1)
+    if light.shape.is_area or light.widest_half_cone_rad > math.pi / 2 - 1e-3:
+        return bool(before.any())
+    # a ball around the box against the round cone around the light's, moved back until it holds both balls
+    center, radius_m = corners.mean(axis=1), np.linalg.norm(np.ptp(corners, axis=1), axis=1) / 2 + light.radius_m
+    half = light.widest_half_cone_rad
+    depth = center[:, 2] + radius_m / math.sin(half)
+    return bool((before & (depth >= math.cos(half) * np.hypot(np.hypot(center[:, 0], center[:, 1]), depth))).any())
 
 
 def _may_be_in_picture(camera: Camera, corners_ws: np.ndarray) -> np.ndarray:

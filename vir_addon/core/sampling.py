@@ -7,6 +7,7 @@ all elementary boxes of area 2^-k, so each batch covers the light evenly and any
 
 from __future__ import annotations
 
+import math
 import zlib
 
 import numpy as np
@@ -75,13 +76,57 @@ def square_to_disk(points: np.ndarray) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
 
 
-def area_light_samples(light: Light, count: int) -> np.ndarray:
-    """(count, 2) float64 metres from the light's centre along its x and y. One sample is the centre."""
+def light_samples(light: Light, count: int) -> np.ndarray:
+    """(count, 3) float64 metres from the light's centre along `views.light_axes`: in the plane of an area light, on the sphere of a
+    point light or spot. One sample is the centre."""
+    samples_m = np.zeros((count, 3))
     if count == 1:
-        return np.zeros((1, 2))
+        return samples_m
     points = unit_square_points(count, stable_seed(light.name))
+    if light.shape.is_omni:
+        return light.radius_m * _sphere_directions(light, points)
     unit = square_to_disk(points) / 2 if light.shape is LightShape.ELLIPSE else points - 0.5
-    return unit * [light.size_x_m, light.size_y_m]
+    samples_m[:, :2] = unit * [light.size_x_m, light.size_y_m]
+    return samples_m
+
+
+SPHERE_TABLE_SIZE = 4096
+"""steps of the angle to a spot's axis; the density's integral over one is taken as linear"""
+
+
+def _sphere_density(light: Light, polar_rad: np.ndarray) -> np.ndarray:
+    """Of samples on the sphere, by the angle to the axis, not normalized: the largest cosine to the sphere's normal under which anything
+    that the light lights may see a place of it. With a soft falloff both sides of the sphere count (see `resolve.comp.glsl`)."""
+    half = light.widest_half_cone_rad
+    if half >= math.pi:
+        return np.ones_like(polar_rad)
+    density = np.cos(np.minimum(np.maximum(polar_rad - half, 0), np.pi / 2))
+    if light.has_soft_falloff:
+        density = np.maximum(density, -np.cos(np.maximum(np.minimum(polar_rad + half, np.pi), np.pi / 2)))
+    return density
+
+
+def _sphere_directions(light: Light, points: np.ndarray) -> np.ndarray:
+    """(n, 2) in [0, 1)^2 -> (n, 3) unit vectors along right, up, forward, distributed as `_sphere_density`"""
+    polar_rad = np.linspace(0, np.pi, SPHERE_TABLE_SIZE + 1)
+    cumulative = _cumulative_sphere_density(light, polar_rad)
+    chosen = np.interp(points[:, 0], cumulative / cumulative[-1], polar_rad)
+    azimuth = 2 * np.pi * points[:, 1]
+    return np.stack([np.sin(chosen) * np.cos(azimuth), np.sin(chosen) * np.sin(azimuth), np.cos(chosen)], axis=-1)
+
+
+def _cumulative_sphere_density(light: Light, polar_rad: np.ndarray) -> np.ndarray:
+    middle = (polar_rad[1:] + polar_rad[:-1]) / 2
+    return np.concatenate([[0], np.cumsum(-np.diff(np.cos(polar_rad)) * _sphere_density(light, middle))])
+
+
+def sample_weights(light: Light, samples_m: np.ndarray) -> np.ndarray:
+    """(n,) float64 what each of `light_samples` counts, so that means of weighted samples are means over the light's surface."""
+    if not light.shape.is_omni or len(samples_m) == 1:
+        return np.ones(len(samples_m))
+    polar_rad = np.arccos(np.clip(samples_m[:, 2] / light.radius_m, -1, 1))
+    mean = _cumulative_sphere_density(light, np.linspace(0, np.pi, SPHERE_TABLE_SIZE + 1))[-1] / 2
+    return mean / np.maximum(_sphere_density(light, polar_rad), 1e-3)
 
 
 def _filter_density(shape: FilterShape, x: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ Lengths are metres in the sense of Blender units. Image row 0 is the *bottom* ro
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -84,17 +85,24 @@ class LightShape(enum.Enum):
     def is_area(self) -> bool:
         return self in (LightShape.RECTANGLE, LightShape.ELLIPSE)
 
+    @property
+    def is_omni(self) -> bool:
+        """Shines to all sides, or into a cone, from a sphere or a point."""
+        return self in (LightShape.POINT, LightShape.SPOT)
+
 
 @dataclass(frozen=True)
 class Light:
-    """A light as it stands in the frame. Area lights lie in the xy plane of their space and emit along its -z."""
+    """A light as it stands in the frame. Area lights lie in the xy plane of their space and emit along its -z; spots and suns
+    shine along -z too."""
 
     name: str
     shape: LightShape
     world_from_light: np.ndarray
     """(4, 4) float64, orthonormal rotation (scale is already in the sizes) and position after the origin's shift"""
     size_x_m: float
-    """full width along x: rectangle side or ellipse diameter, scale of the object included"""
+    """full width along x: rectangle side or ellipse diameter, scale of the object included; diameter of the sphere of points and
+    spots; suns: of the disc of directions at a distance of 1 m"""
     size_y_m: float
     spread_rad: float
     """full angle of the emission cone of area lights; pi is the plain cosine emitter"""
@@ -107,6 +115,32 @@ class Light:
     blockers: np.ndarray | None = None
     """(instance_count,) bool: which instances may cast its shadow (shadow linking and visible_shadow);
     None: `casts_shadow` of the instances"""
+    has_soft_falloff: bool = False
+    """points and spots: from outside the sphere looks like a disc through its centre that faces the surface (Blender's "Soft Falloff");
+    otherwise it is the sphere itself"""
+    cone_rad: float = 2 * math.pi
+    """full angle of a spot's cone where the object is not scaled"""
+    cone_blend: float = 0.0
+    """share of the cone, counted in the cosine of the angle to the axis, over which a spot fades"""
+    cone_scale: tuple[float, float] = (1.0, 1.0)
+    """factors by which a spot's cone is wider along x and y: the object's scale there over that along z"""
+
+    @property
+    def radius_m(self) -> float:
+        """of points and spots"""
+        return self.size_x_m / 2
+
+    @property
+    def has_size(self) -> bool:
+        return self.size_x_m > 0 or self.size_y_m > 0
+
+    @property
+    def widest_half_cone_rad(self) -> float:
+        """half the angle of a round cone around all that a point light or spot lights"""
+        half = self.cone_rad / 2
+        if half >= math.pi / 2:
+            return half
+        return math.atan(math.tan(half) * max(*self.cone_scale, 1e-6))
 
 
 @dataclass(frozen=True)

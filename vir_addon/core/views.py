@@ -1,8 +1,8 @@
 """Views of a light and how they are fitted.
 
 Face space of a light: origin at the light's centre, axes (right, up, forward), forward being the direction of sight;
-z is linear depth in metres and a point projects to tangents (x/z, y/z). One face looks along the light's axis as long as all
-receivers lie within MAX_SINGLE_FACE_TANGENT of it; otherwise the front half of a cube: the axis and four sides.
+z is linear depth in metres and a point projects to tangents (x/z, y/z). One face looks along the light's axis (points and spots: one
+of its axes) as long as all receivers lie within MAX_SINGLE_FACE_TANGENT of it; otherwise it takes a cube, for area lights its front half.
 
 All views of a face share its orientation and its texel size, they differ in the view's centre (the light sample) and in the
 window's place on the texel lattice. Texel sizes come from a geometric ladder and windows start at whole texels, so a
@@ -30,6 +30,8 @@ MAX_LATTICE_INDEX = 1 << 18
 """float32 still tells thirty-second parts of a texel apart"""
 NEAR_SHARE_OF_FAR = 1e-4
 """Surfaces nearer to a view than this share of the farthest receiver neither cast nor count: the light touches them."""
+MIN_RECEIVER_MARGIN = 0.02
+"""Windows are wider than the receivers seen first by this share: later eye samples shift by parts of a pixel and see a little more."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Face:
 
     name: str
     index: int
-    """0 front, then right, left, top, bottom: the axis of the light's space along which a direction is longest"""
+    """0 front, then right, left, top, bottom, back: the axis of the light's space along which a direction is longest"""
     face_from_world: np.ndarray
     """(3, 3) float64 rows right, up, forward"""
     limits: tuple[float, float, float, float]
@@ -50,8 +52,8 @@ def _rows(right: np.ndarray, up: np.ndarray, forward: np.ndarray) -> np.ndarray:
 
 
 def light_axes(light: Light) -> np.ndarray:
-    """(3, 3) float64 rows right, up, forward of an area light: it emits along its -z. Mirrored in x so that
-    right x up points against forward, as on a screen seen by the light."""
+    """(3, 3) float64 rows right, up, forward of the light's space: lights with a direction shine along their -z. Left-handed, so
+    that right x up points against forward, as on a screen seen by the light."""
     x, y, z = light.world_from_light[:3, :3].T
     return _rows(x, y, -z)
 
@@ -71,6 +73,38 @@ def area_light_faces(light: Light, needs_cube: bool) -> tuple[Face, ...]:
     )
 
 
+def omni_faces(light: Light) -> tuple[Face, ...]:
+    """The cube around a light that shines to all sides."""
+    right, up, forward = light_axes(light)
+    limits = (-1.0, 1.0, -1.0, 1.0)
+    return (
+        Face("front", 0, _rows(right, up, forward), limits),
+        Face("right", 1, _rows(-forward, up, right), limits),
+        Face("left", 2, _rows(forward, up, -right), limits),
+        Face("top", 3, _rows(right, -forward, up), limits),
+        Face("bottom", 4, _rows(right, forward, -up), limits),
+        Face("back", 5, _rows(-right, up, -forward), limits),
+    )
+
+
+def single_omni_face(light: Light, receivers_ws: np.ndarray, samples_m: np.ndarray) -> Face | None:
+    """One frustum of at most 100 degrees along one of the light's axes, the first that has all receivers in it as seen from any
+    light sample; None when it takes a cube. Other axes than the light's own would turn with the camera, and shadows swim."""
+    t = MAX_SINGLE_FACE_TANGENT
+    for face in omni_faces(light):
+        if fits_single_face(face, light, receivers_ws, samples_m):
+            return Face(face.name, 0, face.face_from_world, (-t, t, -t, t))
+    return None
+
+
+def fits_single_face(face: Face, light: Light, receivers_ws: np.ndarray, samples_m: np.ndarray) -> bool:
+    """Whether a frustum of MAX_SINGLE_FACE_TANGENT in the face's direction holds all receivers, seen from any light sample."""
+    p = (receivers_ws - light.world_from_light[:3, 3]) @ face.face_from_world.T
+    spread = np.abs(samples_m @ light_axes(light) @ face.face_from_world.T).max(axis=0)
+    reach = np.abs(p[:, :2]) + spread[:2]
+    return bool((reach <= MAX_SINGLE_FACE_TANGENT * (1 - MIN_RECEIVER_MARGIN) * (p[:, 2:] - spread[2])).all())
+
+
 @dataclass(frozen=True)
 class FaceViews:
     """The views of one face, fitted. Lengths in metres, tangents without unit."""
@@ -79,7 +113,7 @@ class FaceViews:
     centers_fs: np.ndarray
     """(view_count, 3) float64 view centres in face space"""
     samples_m: np.ndarray
-    """(view_count, 2) float64 the same in the light's plane"""
+    """(view_count, 3) float64 the same in the light's space"""
     texel_tangent: tuple[float, float]
     """width and height of a texel in tangents, common to all views"""
     window_texels: np.ndarray
@@ -95,8 +129,14 @@ class FaceViews:
 
     @property
     def light_diameter_m(self) -> float:
-        """diagonal of the box around all view centres"""
-        return float(np.linalg.norm(np.ptp(self.centers_fs, axis=0)))
+        """of the ball around the middle of all view centres: diagonal of a rectangle, diameter of a sphere"""
+        middle = (self.centers_fs.min(axis=0) + self.centers_fs.max(axis=0)) / 2
+        return 2 * float(np.linalg.norm(self.centers_fs - middle, axis=1).max())
+
+    @property
+    def is_planar(self) -> bool:
+        """All views lie in the plane that the face looks away from: what is at one depth before one is so before all."""
+        return bool(np.abs(self.centers_fs[:, 2]).max() <= 1e-9 * np.abs(self.centers_fs).max())
 
     def window_tangents(self, view: int) -> tuple[float, float, float, float]:
         """left, right, bottom, top"""

@@ -99,7 +99,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         }
         self.sampling_flags = ["WATERTIGHT"] * settings.watertight + ["STOCHASTIC_CULLING"] * settings.stochastic_culling
         self.splat_flags = ["NEAR_SURFACES"] * (fitted.nearest_caster_m < fitted.views.light_diameter_m)
-        self.splat_flags += ["FRONT_FACE"] * (fitted.views.face.index == 0)
+        self.splat_flags += ["FRONT_FACE"] * fitted.views.is_planar
         self.culled_triangle_count = 0
         self.point_count = 0
         self.tile_count = 0

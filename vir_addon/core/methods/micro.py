@@ -78,7 +78,7 @@ class MicroTriangleRasterization(DepthMapMethod):
         super().__init__(scene_data, fitted, face_table, culled)
         self.settings = settings
         self.seen_space = seen_space_bindings(fitted.views, light, samples_m)
-        self.flags = ["FRONT_FACE"] * (fitted.views.face.index == 0)
+        self.flags = ["FRONT_FACE"] * fitted.views.is_planar
         self.small_count = 0
         self.large_count = 0
         self.kept_count = 0

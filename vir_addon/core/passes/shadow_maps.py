@@ -19,13 +19,18 @@ from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, WORK_GROUP_SIZE
 MAX_BATCH_VIEWS = 8
 """Maps that exist at the same time. More would leave the caches: 64 at once took up to 4 times longer a look-up."""
 MAX_HULL_CORNERS = 8
+MIN_BLEND_COSINE = 1e-7
+"""of a spot without blend: float32 tells cosines apart no finer"""
 
 FACE_TABLE = Table(
-    11, "rows of face_from_world, texel size and map size, depths, light's axis and spread, inverse sizes, unused, light_from_world"
+    13,
+    "rows of face_from_world, texel size and map size, depths, light's axis and spread, inverse sizes, radius and spot, "
+    "light_from_world, right and up of a spot's cone",
 )
 VIEWS_TABLE = Table(
     2 * MAX_BATCH_VIEWS, "two rows a view: centre (face space), -; window's place on the lattice, centre in the light's plane"
 )
+SAMPLES_TABLE = Table(MAX_BATCH_VIEWS, "light samples (light space) and what each counts")
 VIEW_COUNT = Constant("int", "views in this batch")
 DEPTH_MAPS_ATOMIC = Stored("R32UI", "atomic", "depth maps of the batch")
 
@@ -46,7 +51,7 @@ RASTERIZE_DEPTH = RasterDeclaration(
     defines=SCENE_DEFINES,
 )
 
-FRONT_FACE = "the face looks along the light's axis: all views lie in one plane across it"
+FRONT_FACE = "all views lie in the plane that the face looks away from"
 SPLAT_FLAGS = {
     "NEAR_SURFACES": "something casts from nearer than the light's diameter: points there cover several texels",
     "FRONT_FACE": FRONT_FACE,
@@ -250,8 +255,11 @@ RESOLVE = ComputeDeclaration(
         "face_mask": Constant("int", "faces that this dispatch looks up: that of the maps and, in the first, all without casters"),
         "last_face": Constant("int", "1 for the last face of a batch"),
     },
-    tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
+    tables={"face": FACE_TABLE, "views": VIEWS_TABLE, "samples": SAMPLES_TABLE},
     flags={
+        "OMNI": "the light shines from its centre to all sides, not from a plane",
+        "SPHERE": "with OMNI: from a sphere around its centre",
+        "CONE": "with OMNI: into a spot's cone only",
         "RECEIVER_LINKING": "leave out instances that the light does not illuminate",
         "MANY_FACES": "several faces share the directions",
         "POINT_MAPS": "the maps were splatted: undo the half texel by which that enlarges outlines",
@@ -261,7 +269,7 @@ RESOLVE = ComputeDeclaration(
 
 
 def face_table(views: FaceViews, light: Light, reference_m: float | None = None) -> np.ndarray:
-    """(11, 4) float64 rows of FACE_TABLE. Composed in float64: the light may stand far from what it lights.
+    """(13, 4) float64 rows of FACE_TABLE. Composed in float64: the light may stand far from what it lights.
 
     reference_m: the distance at which the light delivers 1. A pixel sums over all faces, so they must share it; by default, for
     making maps only, the face's own far_m.
@@ -276,7 +284,18 @@ def face_table(views: FaceViews, light: Light, reference_m: float | None = None)
     table[5, :3] = views.face.face_from_world @ light_axes(light)[2]
     table[5, 3] = 0.0 if light.spread_rad >= math.pi - 1e-4 else math.tan(light.spread_rad / 2)
     table[6, :3] = 1 / views.texel_tangent[0], 1 / views.texel_tangent[1], max(views.texel_tangent)
+    cosine = math.cos(light.cone_rad / 2)
+    # Blender's: smoothstep of the cosine from the cone's edge, 0, to where the blend ends, 1
+    table[7] = light.radius_m, light.has_soft_falloff, cosine, 1 / max((1 - cosine) * light.cone_blend, MIN_BLEND_COSINE)
+    table[11:13, :3] = views.face.face_from_world @ light_axes(light)[0], views.face.face_from_world @ light_axes(light)[1]
+    table[11:13, :3] /= np.maximum(light.cone_scale, 1e-6)[:, None]
     return table
+
+
+def samples_table(views: FaceViews, weights: np.ndarray, selected: range) -> np.ndarray:
+    """(len(selected), 4) rows of SAMPLES_TABLE. weights: (view_count,)"""
+    part = slice(selected.start, selected.stop)
+    return np.column_stack([views.samples_m[part], weights[part]])
 
 
 def views_table(views: FaceViews, selected: range) -> np.ndarray:
@@ -284,7 +303,7 @@ def views_table(views: FaceViews, selected: range) -> np.ndarray:
     table = np.zeros((2 * len(selected), 4))
     table[0::2, :3] = views.centers_fs[selected.start : selected.stop]
     table[1::2, :2] = views.window_texels[selected.start : selected.stop]
-    table[1::2, 2:] = views.samples_m[selected.start : selected.stop]
+    table[1::2, 2:] = views.samples_m[selected.start : selected.stop, :2]
     return table
 
 
