@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from tests.scenes import area_light
-from vir_addon.core.sampling import area_light_samples, pixel_offsets, square_to_disk, stable_seed, unit_square_points
+from vir_addon.core.sampling import area_light_samples, pixel_offsets, square_to_disk, unit_square_points
 from vir_addon.core.scene import FilterShape, LightShape, PixelFilter
 
 SEEDS = st.integers(0, 0x3FFFFFFF)
@@ -40,15 +40,6 @@ def test_every_prefix_covers_the_square_evenly(seed, count):
     to 2^-m, and what is left), in each of which a net errs by less than a point: n D* <= sum of (m + 1)."""
     bound = sum(digit + 1 for digit in range(count.bit_length()) if count >> digit & 1)
     assert count * star_discrepancy(unit_square_points(count, seed)) <= bound
-
-
-def test_each_point_is_uniform_over_names():
-    """Scrambled as if at random: a light's name does not prefer any part of it. Pearson's test at five standard deviations."""
-    points = np.stack([unit_square_points(4, stable_seed(f"Light {number}")) for number in range(1024)])
-    for index in range(4):
-        cells = (points[:, index] * 8).astype(np.int64)
-        counts = np.bincount(cells[:, 0] * 8 + cells[:, 1], minlength=64)
-        assert ((counts - 16) ** 2 / 16).sum() < 63 + 5 * np.sqrt(2 * 63), index
 
 
 @given(st.floats(0.001, 0.999), st.floats(0.001, 0.999))

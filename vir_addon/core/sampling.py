@@ -31,15 +31,6 @@ def _owen_scramble(x: np.ndarray, seed: int) -> np.ndarray:
         return _reverse_bits(x)
 
 
-def _mixed(seed: int, dimension: int) -> int:
-    """A scramble's own seed (the finalizer of MurmurHash3). Its lowest bits decide which half and quarter of the square each point
-    falls into: seeds that share some would put all lights' points, or both coordinates of one, into the same ones."""
-    x = seed + dimension * 0x9E3779B9 & 0xFFFFFFFF
-    x = (x ^ x >> 16) * 0x85EBCA6B & 0xFFFFFFFF
-    x = (x ^ x >> 13) * 0xC2B2AE35 & 0xFFFFFFFF
-    return x ^ x >> 16
-
-
 def _second_sobol_dimension(index: np.ndarray) -> np.ndarray:
     result = np.zeros_like(index)
     direction = np.uint32(1 << 31)
@@ -54,8 +45,8 @@ def _second_sobol_dimension(index: np.ndarray) -> np.ndarray:
 def unit_square_points(count: int, seed: int) -> np.ndarray:
     """(count, 2) float64 in [0, 1): the first `count` points of a scrambled (0, 2)-sequence."""
     index = np.arange(count, dtype=np.uint32)
-    x = _owen_scramble(_reverse_bits(index), _mixed(seed, 1))
-    y = _owen_scramble(_second_sobol_dimension(index), _mixed(seed, 2))
+    x = _owen_scramble(_reverse_bits(index), seed * 2 + 1 & 0xFFFFFFFF)
+    y = _owen_scramble(_second_sobol_dimension(index), seed * 2 + 0x9E3779B9 & 0xFFFFFFFF)
     return (np.stack([x, y], axis=-1).astype(np.float64) + 0.5) / 2.0**32
 
 
