@@ -28,7 +28,7 @@ def only(*instances):
 
 CASES = {
     "a blocker excluded": lambda: still_life(light(blockers=only(BOX, FLOOR))),
-    "a receiver excluded": lambda: still_life(light(receivers=only(BALL, FLOOR))),
+    "a receiver excluded": lambda: still_life(light(receivers=only(BOX, FLOOR))),
     "one casts onto the other": lambda: still_life(light(blockers=only(BALL), receivers=only(FLOOR))),
     "visible_shadow off": lambda: still_life(light(), casts_shadow=[True, False, True]),
 }

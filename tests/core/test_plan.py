@@ -104,6 +104,11 @@ def test_more_work_is_predicted_to_take_longer(method, more):
     assert few == many if (more, method) == ("generations", Method.MVR) else 0 < few < many
 
 
+def test_rasterizing_is_predicted_to_take_as_long_as_there_are_views():
+    few, many = (planned(fine_scene(40), method=Method.MVR, view_count=view_count).predicted_ms for view_count in (16, 64))
+    assert many == pytest.approx(4 * few)
+
+
 @pytest.mark.parametrize("method", [Method.MVR, Method.IVIR])
 def test_more_triangles_are_predicted_to_take_longer(method):
     predicted = [planned(fine_scene(row_count), method=method).predicted_ms for row_count in (10, 40, 160)]
