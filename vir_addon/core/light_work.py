@@ -59,6 +59,8 @@ class LightWork:
             self.resolve_flags.append("POINT_MAPS")
         if self.light.shape.is_omni:
             self.resolve_flags += ["OMNI"] + ["SPHERE"] * (planned.view_count > 1) + ["CONE"] * (self.light.shape is LightShape.SPOT)
+        if self.light.shape is LightShape.SUN:
+            self.resolve_flags.append("ORTHOGRAPHIC")
         self.receivers = store.no_receivers
         if self.light.receivers is not None:
             rows = np.zeros((len(self.light.receivers), 4), np.float32)
@@ -84,8 +86,10 @@ class LightWork:
             fitted_faces, is_cube = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, self.planned.map_resolution_px)
             if is_cube:
                 self.resolve_flags.append("MANY_FACES")
-            self.reference_m = max((fitted.views.far_m for fitted in fitted_faces), default=1.0)
-            culled = cullable_instances(snapshot, bounds, light_hull(self.light, self.samples_m))
+            is_sun = self.light.shape is LightShape.SUN
+            if not is_sun:
+                self.reference_m = max((fitted.views.far_m for fitted in fitted_faces), default=1.0)
+            culled = cullable_instances(snapshot, bounds, None if is_sun else light_hull(self.light, self.samples_m))
             for fitted in fitted_faces:
                 self.faces.append(self._face(fitted, culled))
             for _, _, method in self.faces:

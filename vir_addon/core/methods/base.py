@@ -22,6 +22,7 @@ class DepthMapMethod(abc.ABC):
         self.point_count = 0
         self.kept_point_count = 0
         self.portion_count = 1
+        self.projection_flags = ["ORTHOGRAPHIC"] * fitted.views.is_orthographic
 
     @property
     def caster_triangle_count(self) -> int:

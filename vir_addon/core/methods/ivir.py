@@ -16,7 +16,7 @@ import numpy as np
 from ...device.declaration import ComputeDeclaration
 from ...device.interface import EMPTY_DEPTH_BITS, LINEAR_TEXTURE_WIDTH, Device, Texture, TextureFormat
 from ..errors import DeviceError
-from ..fit import FittedFace, light_hull
+from ..fit import FittedFace, box_corners, light_hull
 from ..passes.scene_data import WORK_GROUP_SIZE, SceneData
 from ..passes.shadow_maps import (
     BUFFER_TILES,
@@ -63,11 +63,16 @@ def seen_space_planes(views: FaceViews) -> tuple[np.ndarray, np.ndarray]:
     """
     windows = np.array([views.window_tangents(k) for k in range(views.view_count)])
     centers = views.centers_fs
+    # a window's side is at centre + slope * (z - centre's z), for suns at centre + shear * z + side
+    shears = views.samples_m if views.is_orthographic else None
     near, far = centers[:, 2].min() + views.near_m, centers[:, 2].max() + views.far_m
     planes = np.zeros((6, 4))
     for side in range(4):
         axis, sign = side // 2, 1 - 2 * (side % 2)
-        ends = [(sign * (centers[:, axis] + windows[:, side] * (z - centers[:, 2]))).min() for z in (near, far)]
+        ends = []
+        for z in (near, far):
+            aside = windows[:, side] * (z - centers[:, 2]) if shears is None else shears[:, axis] * z + windows[:, side]
+            ends.append((sign * (centers[:, axis] + aside)).min())
         slope = (ends[1] - ends[0]) / (far - near)
         planes[side, axis] = sign
         planes[side, 2:] = -slope, ends[0] - slope * near
@@ -126,7 +131,9 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         super().__init__(scene_data, fitted, face_table, culled)
         self.settings, self.storage = settings, storage
         rotation = fitted.views.face.face_from_world
-        hull_fs = (light_hull(light, samples_m) - light.world_from_light[:3, 3]) @ rotation.T
+        hull_fs = (light_hull(light, samples_m) - fitted.views.origin_ws) @ rotation.T
+        if fitted.views.is_orthographic:
+            hull_fs = box_corners(samples_m)
         planes, bounds = seen_space_planes(fitted.views)
         farthest = np.maximum(np.abs(bounds[0::2]), np.abs(bounds[1::2]))
         hull_box = np.zeros((2, 4))
@@ -142,8 +149,9 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
             "window_bounds": bounds,
         }
         self.sampling_flags = ["WATERTIGHT"] * settings.watertight + ["STOCHASTIC_CULLING"] * settings.stochastic_culling
+        self.sampling_flags += self.projection_flags
         self.splat_flags = ["NEAR_SURFACES"] * (fitted.nearest_caster_m < fitted.views.light_diameter_m)
-        self.splat_flags += ["FRONT_FACE"] * fitted.views.is_planar
+        self.splat_flags += ["FRONT_FACE"] * fitted.views.is_planar + self.projection_flags
         self.culled_triangle_count = 0
         self.tile_count = 0
         self.buffered_point_count = 0
@@ -277,7 +285,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         return False
 
     def _flags_of(self, declaration: ComputeDeclaration) -> list[str]:
-        return self.sampling_flags + self.splat_flags if "depth_maps" in declaration.images else self.sampling_flags
+        return sorted({*self.sampling_flags, *(self.splat_flags if "depth_maps" in declaration.images else ())})
 
     def _run_tiles(self, declaration: ComputeDeclaration, first_tile: int, tile_count: int, **outputs: Any) -> None:
         self.device.compute_kernel(declaration, *self._flags_of(declaration)).dispatch_linear(
@@ -327,7 +335,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
     def _keep_seen_points(self, maps: DepthMaps, selected: range) -> None:
         kept = _LinearStore(self.device, self.buffered_point_count)
         self.device.fill(self.counters, 0)
-        self.device.compute_kernel(KEEP_SEEN_POINTS).dispatch_linear(
+        self.device.compute_kernel(KEEP_SEEN_POINTS, *self.projection_flags).dispatch_linear(
             self.buffered_point_count,
             points=self.points.texture,
             depth_maps=maps.texture,

@@ -28,11 +28,14 @@ FACE_TABLE = Table(
     "light_from_world, right and up of a spot's cone",
 )
 VIEWS_TABLE = Table(
-    2 * MAX_BATCH_VIEWS, "two rows a view: centre (face space), -; window's place on the lattice, centre in the light's plane"
+    2 * MAX_BATCH_VIEWS,
+    "two rows a view: centre (face space), -; window's place on the lattice, centre in the light's plane (suns: shear)",
 )
-SAMPLES_TABLE = Table(MAX_BATCH_VIEWS, "light samples (light space) and what each counts")
+SAMPLES_TABLE = Table(MAX_BATCH_VIEWS, "light samples (light space; suns: unit directions of rays) and what each counts")
 VIEW_COUNT = Constant("int", "views in this batch")
 DEPTH_MAPS_ATOMIC = Stored("R32UI", "atomic", "depth maps of the batch")
+
+ORTHOGRAPHIC_FLAG = {"ORTHOGRAPHIC": "views of a sun: parallel, sheared by its directions"}
 
 RASTERIZE_DEPTH = RasterDeclaration(
     name="depth_map",
@@ -47,10 +50,12 @@ RASTERIZE_DEPTH = RasterDeclaration(
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
     output_name="depth_bits",
     output_type="uint",
+    flags=ORTHOGRAPHIC_FLAG,
     defines=SCENE_DEFINES,
 )
 
 SPLAT_FLAGS = {
+    **ORTHOGRAPHIC_FLAG,
     "NEAR_SURFACES": "something casts from nearer than the light's diameter: points there cover several texels",
     "FRONT_FACE": "all views lie in the plane that the face looks away from",
 }
@@ -79,6 +84,7 @@ KEEP_SEEN_POINTS = ComputeDeclaration(
     images={"kept_points": Stored("RGBA32F", "write", "position (face space) and packed normal"), "counters": COUNTERS},
     constants={"view_count": VIEW_COUNT, "point_count": Constant("int", "points in the buffer")},
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
+    flags=ORTHOGRAPHIC_FLAG,
 )
 
 SAMPLING_TABLES = {
@@ -94,6 +100,7 @@ SAMPLING_CONSTANTS = {
     "window_bounds": Constant("vec4", "tangents left, right, bottom, top around all windows"),
 }
 SAMPLING_FLAGS = {
+    **ORTHOGRAPHIC_FLAG,
     "WATERTIGHT": "point spacing that leaves no texel empty instead of the published density",
     "STOCHASTIC_CULLING": "cull triangles below a tenth of a texel with probability 1 - 10 A",
 }
@@ -197,6 +204,7 @@ RESOLVE = ComputeDeclaration(
     },
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE, "samples": SAMPLES_TABLE},
     flags={
+        **ORTHOGRAPHIC_FLAG,
         "OMNI": "the light shines from its centre to all sides, not from a plane",
         "SPHERE": "with OMNI: from a sphere around its centre",
         "CONE": "with OMNI: into a spot's cone only",
@@ -214,11 +222,10 @@ def face_table(views: FaceViews, light: Light, reference_m: float | None = None)
     reference_m: the distance at which the light delivers 1. A pixel sums over all faces, so they must share it; by default, for
     making maps only, the face's own far_m.
     """
-    position = light.world_from_light[:3, 3]
     table = np.zeros((FACE_TABLE.length, 4))
     for row, rotation in ((0, views.face.face_from_world), (8, light_axes(light))):
         table[row : row + 3, :3] = rotation
-        table[row : row + 3, 3] = -rotation @ position
+        table[row : row + 3, 3] = -rotation @ views.origin_ws
     table[3] = *views.texel_tangent, views.map_width_px, views.map_height_px
     table[4] = views.near_m, views.far_m, (reference_m or views.far_m) ** 2, views.light_diameter_m
     table[5, :3] = views.face.face_from_world @ light_axes(light)[2]
@@ -235,7 +242,11 @@ def face_table(views: FaceViews, light: Light, reference_m: float | None = None)
 def samples_table(views: FaceViews, weights: np.ndarray, selected: range) -> np.ndarray:
     """(len(selected), 4) rows of SAMPLES_TABLE. weights: (view_count,)"""
     part = slice(selected.start, selected.stop)
-    return np.column_stack([views.samples_m[part], weights[part]])
+    samples = views.samples_m[part]
+    if views.is_orthographic:
+        samples = np.add(samples, (0, 0, 1))
+        samples = samples / np.linalg.norm(samples, axis=1, keepdims=True)
+    return np.column_stack([samples, weights[part]])
 
 
 def views_table(views: FaceViews, selected: range) -> np.ndarray:
