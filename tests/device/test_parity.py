@@ -10,7 +10,7 @@ import pytest
 from tests.device.kernels import ATOMIC_MIN
 from vir_addon.core.bounds import compute_bounds, cullable_instances
 from vir_addon.core.fit import fit_light, light_hull, select_receivers
-from vir_addon.core.methods.ivir import ImprovedViewIndependentRasterization
+from vir_addon.core.methods.ivir import ImprovedViewIndependentRasterization, PointScratch
 from vir_addon.core.methods.mvr import MultiviewRasterization
 from vir_addon.core.passes.eye import EyePass
 from vir_addon.core.passes.scene_data import SceneData
@@ -111,7 +111,11 @@ class Renderer:
         return self.filled(MultiviewRasterization(*self.face))
 
     def sampled(self, settings, storage):
-        return self.filled(ImprovedViewIndependentRasterization(*self.face, self.light, self.samples, settings, storage))
+        return self.filled(
+            ImprovedViewIndependentRasterization(
+                *self.face, self.light, self.samples, settings, storage, PointScratch(self.device, settings)
+            )
+        )
 
 
 @pytest.fixture(scope="module")

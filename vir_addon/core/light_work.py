@@ -11,6 +11,7 @@ from .bounds import SceneBounds, cullable_instances
 from .fit import FittedFace, fit_light, light_hull, select_receivers
 from .methods import depth_map_method
 from .methods.base import DepthMapMethod
+from .methods.ivir import PointScratch
 from .pass_set import PassStatistics
 from .passes.accumulate import PassAccumulator
 from .passes.eye import EyePass
@@ -19,15 +20,16 @@ from .passes.shadow_maps import RESOLVE, DepthMaps, face_table, samples_table, v
 from .plan import PlannedPass, RenderPlan
 from .sampling import light_samples, sample_weights
 from .scene import Light, LightShape, SceneSnapshot
-from .settings import Method
+from .settings import Method, Settings
 from .stopwatch import Stopwatch
 
 
 class MapStore:
     """Textures that all lights share because only one batch uses them at a time."""
 
-    def __init__(self, device: Device, width: int, height: int) -> None:
-        self.device = device
+    def __init__(self, device: Device, width: int, height: int, settings: Settings) -> None:
+        self.device, self.settings = device, settings
+        self._scratch: PointScratch | None = None
         self.batch_sums: Texture = device.upload_texture(np.zeros((height, width, 4), np.float32))
         self.no_receivers: Texture = device.upload_array(np.ones((1, 4), np.float32))
         self._maps: dict[tuple[int, int, int], DepthMaps] = {}
@@ -38,7 +40,14 @@ class MapStore:
             self._maps[key] = DepthMaps(self.device, *key)
         return self._maps[key]
 
+    def point_scratch(self) -> PointScratch:
+        if self._scratch is None:
+            self._scratch = PointScratch(self.device, self.settings)
+        return self._scratch
+
     def release(self) -> None:
+        if self._scratch is not None:
+            self._scratch.release()
         self.batch_sums.release()
         self.no_receivers.release()
         for maps in self._maps.values():
@@ -101,7 +110,17 @@ class LightWork:
         table = face_table(fitted.views, self.light, self.reference_m)
         if not len(fitted.caster_indices):
             return fitted, table, None
-        method = depth_map_method(self.planned, self.scene_data, fitted, table, culled, self.light, self.samples_m, self.plan.settings)
+        method = depth_map_method(
+            self.planned,
+            self.scene_data,
+            fitted,
+            table,
+            culled,
+            self.light,
+            self.samples_m,
+            self.plan.settings,
+            self.store.point_scratch,
+        )
         return fitted, table, method
 
     def _update_statistics(self) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..fit import FittedFace
@@ -10,7 +12,7 @@ from ..plan import PlannedPass
 from ..scene import Light
 from ..settings import Method, Settings
 from .base import DepthMapMethod
-from .ivir import ImprovedViewIndependentRasterization
+from .ivir import ImprovedViewIndependentRasterization, PointScratch
 from .mvr import MultiviewRasterization
 
 
@@ -23,9 +25,13 @@ def depth_map_method(
     light: Light,
     samples_m: np.ndarray,
     settings: Settings,
+    scratch: Callable[[], PointScratch],
 ) -> DepthMapMethod:
+    """scratch: called by methods that need one, for what all faces of a render share"""
     if planned.method is Method.MVR:
         return MultiviewRasterization(scene_data, fitted, face_table, culled)
     if planned.points is None:
         raise ValueError(f"{planned.method.value} needs a point storage")
-    return ImprovedViewIndependentRasterization(scene_data, fitted, face_table, culled, light, samples_m, settings, planned.points)
+    return ImprovedViewIndependentRasterization(
+        scene_data, fitted, face_table, culled, light, samples_m, settings, planned.points, scratch()
+    )

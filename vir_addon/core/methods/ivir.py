@@ -106,6 +106,38 @@ class _LinearStore:
         self.texture.release()
 
 
+class PointScratch:
+    """What all faces of all lights use in turn: lists that live while points are made, and the budget for points that are kept.
+
+    The budget is `Settings.point_buffer_mib` for all lights together. Points that do not fit beside those of other faces push out those
+    used last before them, which are made again when their turn comes: faces take turns, so those used longest ago are needed next.
+    """
+
+    def __init__(self, device: Device, settings: Settings) -> None:
+        self.counters = device.create_texture(4, 1, TextureFormat.R32UI)
+        self.tiles = _LinearStore(device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY)
+        self.parts = _LinearStore(device, TEXELS_PER_TILE * FIRST_PART_CAPACITY)
+        self.capacity = settings.point_buffer_mib * (1 << 20) // BYTES_PER_POINT
+        """points"""
+        self._keepers: list[ImprovedViewIndependentRasterization] = []
+        """those whose points are on the device, the one used last at the end"""
+
+    def touch(self, keeper: ImprovedViewIndependentRasterization) -> None:
+        """Note that a face's points are in use, and let go of those of others beyond the budget."""
+        self.forget(keeper)
+        self._keepers.append(keeper)
+        while len(self._keepers) > 1 and sum(each.points.texel_count for each in self._keepers) > self.capacity:
+            self._keepers.pop(-2).drop_points()
+
+    def forget(self, keeper: ImprovedViewIndependentRasterization) -> None:
+        if keeper in self._keepers:
+            self._keepers.remove(keeper)
+
+    def release(self) -> None:
+        for store in (self.counters, self.tiles, self.parts):
+            store.release()
+
+
 @dataclass(frozen=True)
 class _Portion:
     """Work groups whose points are in the buffer together; if even one group has too many, so many of its tiles at once."""
@@ -127,9 +159,11 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         samples_m: np.ndarray,
         settings: Settings,
         storage: PointStorage,
+        scratch: PointScratch,
     ) -> None:
         super().__init__(scene_data, fitted, face_table, culled)
-        self.settings, self.storage = settings, storage
+        self.settings, self.storage, self.scratch = settings, storage, scratch
+        self.counters, self.tiles, self.parts = scratch.counters, scratch.tiles, scratch.parts
         rotation = fitted.views.face.face_from_world
         hull_fs = (light_hull(light, samples_m) - fitted.views.origin_ws) @ rotation.T
         if fitted.views.is_orthographic:
@@ -157,6 +191,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         self.buffered_point_count = 0
         self.kept_point_count = 0
         self._portions: list[_Portion] = []
+        self._has_points = self._was_dropped = False
         self._cleanup = contextlib.ExitStack()
 
     def _owned(self, resource: Resource) -> Resource:
@@ -168,13 +203,21 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
 
     def _prepare(self) -> None:
         self.work = self._owned(self.scene_data.work_table(self.fitted.caster_indices, ~self.culled))
-        self.counters = self._owned(self.device.create_texture(4, 1, TextureFormat.R32UI))
-        self.tiles = self._owned(_LinearStore(self.device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY))
-        self.parts = self._owned(_LinearStore(self.device, TEXELS_PER_TILE * FIRST_PART_CAPACITY))
         if self.storage is PointStorage.BUFFERED:
-            self.capacity_limit = self.settings.point_buffer_mib * (1 << 20) // BYTES_PER_POINT
-            self.points = self._owned(_LinearStore(self.device, min(self.capacity_limit, max(1 << 18, 4 * self.work.triangle_count))))
-            self._portions = self._plan_portions()
+            self._make_points()
+
+    def _make_points(self) -> None:
+        self.points = _LinearStore(self.device, min(self.scratch.capacity, max(1 << 18, 4 * self.work.triangle_count)))
+        self._has_points = True
+        self.portion_count = 1
+        self._portions = self._plan_portions()
+        self.scratch.touch(self)
+
+    def drop_points(self) -> None:
+        """Give the buffer's memory back; `fill` makes the points again."""
+        self.points.release()
+        self._has_points, self._was_dropped = False, True
+        self.kept_point_count = 0
 
     # buffered
 
@@ -184,7 +227,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         while pending:
             portion = pending.pop()
             points, culled_here = self._generate_into_buffer(portion)
-            if points > self.points.texel_count and points <= self.capacity_limit:
+            if points > self.points.texel_count and points <= self.scratch.capacity:
                 self.points.reserve(points)
                 points, culled_here = self._generate_into_buffer(portion)
             first, count = portion.first_group, portion.group_count
@@ -194,7 +237,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
                 continue
             if points > self.points.texel_count:
                 # a few large triangles that fill the buffer many times over
-                self.points.reserve(self.capacity_limit)
+                self.points.reserve(self.scratch.capacity)
                 room = self.points.texel_count - WORK_GROUP_SIZE * MAX_SMALL_CELLS
                 portion = _Portion(first, count, tiles_at_once=room // TILE_CELLS**2)
                 self.portion_count += -(-self.tile_count // portion.tiles_at_once) - 1
@@ -306,6 +349,11 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
     def _fill(self, maps: DepthMaps, selected: range) -> None:
         self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
         outputs = {"depth_maps": maps.texture, "views": self.views_table(selected), "view_count": len(selected)}
+        if self.storage is PointStorage.BUFFERED:
+            if self._has_points:
+                self.scratch.touch(self)
+            else:
+                self._make_points()
         if self.storage is PointStorage.BUFFERLESS:
             self._run_triangles(SPLAT_TRIANGLES, 0, self.work.group_count, **outputs)
             self._run_tiles(SPLAT_TILES, 0, self.tile_count, **outputs)
@@ -329,6 +377,8 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
             self.settings.cull_hidden_points
             and self.kept_point_count == 0
             and self.portion_count == 1
+            # points that are made again for every batch would be searched every time
+            and not self._was_dropped
             and len(selected) == MAX_BATCH_VIEWS < self.fitted.views.view_count
         )
 
@@ -355,4 +405,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         self.buffered_point_count = self.kept_point_count
 
     def release(self) -> None:
+        self.scratch.forget(self)
+        if self._has_points:
+            self.drop_points()
         self._cleanup.close()
