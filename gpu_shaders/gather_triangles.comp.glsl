@@ -3,6 +3,7 @@
 #include "lib/scene_data.glsl"
 #include "lib/linear_invocation.glsl"
 #include "lib/seen_space.glsl"
+#include "lib/view.glsl"
 
 // Nearer than this behind the visible surface a triangle may be part of it, or come into sight between two views.
 const float KEPT_DEPTH_FOOTPRINTS = 32.0;
@@ -12,12 +13,17 @@ bool is_small(vec3 corners_fs[4]) {
         vec2 low = vec2(3.0e38);
         vec2 high = vec2(-3.0e38);
         for (int i = 0; i < 3; i++) {
+#ifdef ORTHOGRAPHIC
+            vec3 p = corners_fs[i];
+            vec2 at = (p.xy - hull[k].xy * p.z) * texels_per_tangent;
+#else
             vec3 p = corners_fs[i] - hull[k].xyz;
+            vec2 at = p.xy * (texels_per_tangent / p.z);
+#endif
             // what reaches a view's near plane has to be clipped
             if (p.z <= near_m) {
                 return false;
             }
-            vec2 at = p.xy * (texels_per_tangent / p.z);
             low = min(low, at);
             high = max(high, at);
         }
@@ -36,13 +42,13 @@ bool hidden_from_batch(vec3 corners_fs[4]) {
     for (int k = 0; k < view_count; k++) {
         for (int i = 0; i < 3; i++) {
             vec3 p = corners_fs[i] - view_center(k);
-            ivec2 texel = ivec2(floor(p.xy * (texels_per_tangent / max(p.z, near_m)) - view_window(k)));
+            ivec2 texel = ivec2(floor(map_position(k, vec3(p.xy, max(p.z, near_m)))));
             // a window that leaves it out says nothing about the windows of other views
             if (p.z <= near_m || any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel, map_size))) {
                 return false;
             }
             float seen = uintBitsToFloat(texelFetch(depth_maps, texel + ivec2(0, view_first_row(k)), 0).x);
-            if (p.z <= seen + KEPT_DEPTH_FOOTPRINTS * footprint_share * p.z) {
+            if (p.z <= seen + KEPT_DEPTH_FOOTPRINTS * footprint_at(p.z)) {
                 return false;
             }
         }
@@ -90,11 +96,13 @@ void main() {
     int place = small ? index : triangle_capacity - 1 - index;
     for (int i = 0; i < 3; i++) {
         vec3 p = corners_fs[i];
+        // moving a view in the plane z = 0 shifts the corner in its map by an amount proportional to 1/z, shearing a sun's by one
+        // proportional to z
+#ifdef ORTHOGRAPHIC
+        p.xy = small ? p.xy * texels_per_tangent : p.xy;
+#endif
 #ifdef FRONT_FACE
-        if (small) {
-            // all views lie in the plane z = 0: moving one shifts the corner by an amount proportional to 1/z
-            p = vec3(p.xy * (texels_per_tangent / p.z), 1.0 / p.z);
-        }
+        p = small ? vec3(p.xy * (texels_per_tangent / p.z), 1.0 / p.z) : p;
 #endif
         imageStore(gathered_triangles, linear_texel(3 * place + i), vec4(p, work.x));
     }

@@ -2,11 +2,28 @@
 // covered if its centre is, and its depth is the triangle's there.
 #include "lib/linear_texel.glsl"
 #include "lib/linear_invocation.glsl"
-#include "lib/face.glsl"
+#include "lib/view.glsl"
 
 // Corners are rounded to this part of a texel. Within SMALL_EXTENT_TEXELS edge functions are then exact in float32,
 // so that triangles which share an edge leave no texel between them.
 const float SUBTEXELS = 256.0;
+
+// In texels from the map's corner. linear: what is linear on the map, 1 / depth or, of suns, depth.
+vec2 place_corner(int k, vec3 corner, out float linear) {
+#ifdef ORTHOGRAPHIC
+    linear = corner.z;
+    return corner.xy - (view_shear(k) * texels_per_tangent) * corner.z - view_window(k);
+#else
+#ifdef FRONT_FACE
+    linear = corner.z;
+    return corner.xy - (view_center(k).xy * texels_per_tangent) * corner.z - view_window(k);
+#else
+    vec3 p = corner - view_center(k);
+    linear = 1.0 / p.z;
+    return map_position(k, p);
+#endif
+#endif
+}
 
 void main() {
     int index = linear_invocation();
@@ -19,17 +36,9 @@ void main() {
     }
     for (int k = 0; k < view_count; k++) {
         vec2 at[3];
-        vec3 inverse_depth;
+        vec3 linear;
         for (int i = 0; i < 3; i++) {
-#ifdef FRONT_FACE
-            inverse_depth[i] = corners[i].z;
-            vec2 texels = corners[i].xy - (view_center(k).xy * texels_per_tangent) * corners[i].z;
-#else
-            vec3 p = corners[i] - view_center(k);
-            inverse_depth[i] = 1.0 / p.z;
-            vec2 texels = p.xy * texels_per_tangent * inverse_depth[i];
-#endif
-            at[i] = floor((texels - view_window(k)) * SUBTEXELS + 0.5);
+            at[i] = floor(place_corner(k, corners[i], linear[i]) * SUBTEXELS + 0.5);
         }
         vec2 low = max(ceil(min(min(at[0], at[1]), at[2]) / SUBTEXELS - 0.5), 0.0);
         vec2 high = min(floor(max(max(at[0], at[1]), at[2]) / SUBTEXELS - 0.5), vec2(map_size - 1));
@@ -49,7 +58,7 @@ void main() {
         vec2 row = vec2(first.x * edge_2.y - first.y * edge_2.x, edge_1.x * first.y - edge_1.y * first.x);
         vec2 step_x = SUBTEXELS * vec2(edge_2.y, -edge_1.y);
         vec2 step_y = SUBTEXELS * vec2(-edge_2.x, edge_1.x);
-        vec2 depth_rise = (inverse_depth.yz - inverse_depth.x) / twice_area;
+        vec2 rise = (linear.yz - linear.x) / twice_area;
         ivec2 texel = ivec2(low);
         ivec2 size = ivec2(high) - texel + 1;
         vec2 weights = row;
@@ -58,7 +67,12 @@ void main() {
         texel.y += view_first_row(k);
         for (int i = 0; i < count; i++) {
             if (min(weights.x, weights.y) >= 0.0 && weights.x + weights.y <= twice_area) {
-                uint bits = floatBitsToUint(1.0 / (inverse_depth.x + dot(depth_rise, weights)));
+                float value = linear.x + dot(rise, weights);
+#ifdef ORTHOGRAPHIC
+                uint bits = floatBitsToUint(value);
+#else
+                uint bits = floatBitsToUint(1.0 / value);
+#endif
                 ivec2 address = ivec2(texel.x + x, texel.y);
                 // much is hidden: looking first is cheaper than an atomic
                 if (imageLoad(depth_maps, address).x > bits) {

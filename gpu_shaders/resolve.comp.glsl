@@ -4,7 +4,7 @@
 // the shading normal's cosine, the light's cosine and spread or cone, and 1 / distance^2; all without the light's strength.
 #include "lib/linear_texel.glsl"
 #include "lib/octahedral.glsl"
-#include "lib/face.glsl"
+#include "lib/view.glsl"
 
 #define light_axis_fs (face[5].xyz)
 #define tan_half_spread (face[5].w)
@@ -14,6 +14,9 @@
 // plane runs away along the ray while the surface does not.
 const float MAX_PLANE_SHIFT_FOOTPRINTS = 8.0;
 
+#ifdef ORTHOGRAPHIC
+#define ray_direction(k) (samples[k].xyz)
+#endif
 #ifdef OMNI
 #define light_radius_m (face[7].x)
 #define soft_falloff (face[7].y > 0.5)
@@ -93,11 +96,16 @@ float delivered(vec3 p, float squared_distance, vec3 shading_fs) {
 // 1 if the view sees the point, 0 if something is before it. p: from the view's centre, face space.
 // tolerance: in footprints, what the tangent plane does not explain.
 float visible_from(int k, vec3 p, vec3 normal_fs, float tolerance) {
-    float facing = dot(normal_fs, p);
+    float offset = dot(normal_fs, p);
+#ifdef ORTHOGRAPHIC
+    float facing = dot(normal_fs, ray_direction(k));
+#else
+    float facing = offset;
+#endif
     if (facing >= 0.0) {
         return 0.0;  // the surface itself is in the way
     }
-    vec2 at = p.xy * (texels_per_tangent / p.z) - view_window(k);
+    vec2 at = map_position(k, p);
 #ifdef POINT_MAPS
     // A texel is covered if a point lies anywhere in it, which enlarges outlines by half a texel all around. Taking the deepest
     // of the four texels around the look-up, as if it stood at their common corner, shrinks them by as much.
@@ -113,11 +121,10 @@ float visible_from(int k, vec3 p, vec3 normal_fs, float tolerance) {
     if (p.z <= near_m || any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel + last, map_size))) {
         return 1.0;
     }
-    float footprint = p.z * footprint_share;
-    vec3 ray = vec3((place + view_window(k)) * texel_tangent, 1.0);
-    float ray_facing = dot(normal_fs, ray);
+    float footprint = footprint_at(p.z);
+    vec2 plane = plane_on_ray(k, place, normal_fs, offset);
     // a plane that turns away before that place has no depth there; the clamp then decides
-    float plane_depth = ray_facing < 0.0 ? facing / ray_facing : 3.0e38;
+    float plane_depth = plane.y < 0.0 ? plane.x / plane.y : 3.0e38;
     float reach = MAX_PLANE_SHIFT_FOOTPRINTS * footprint;
     float receiver_depth = clamp(plane_depth, p.z - reach, p.z + reach);
     ivec2 address = texel + ivec2(0, view_first_row(k));
@@ -127,8 +134,7 @@ float visible_from(int k, vec3 p, vec3 normal_fs, float tolerance) {
     bits = max(bits, texelFetch(depth_maps, address + ivec2(0, 1), 0).x);
     bits = max(bits, texelFetch(depth_maps, address + ivec2(1, 1), 0).x);
 #endif
-    // 4e-7: the rounding of depth itself
-    return uintBitsToFloat(bits) >= receiver_depth - footprint * tolerance - 4.0e-7 * p.z ? 1.0 : 0.0;
+    return uintBitsToFloat(bits) >= receiver_depth - footprint * tolerance - depth_rounding(p.z) ? 1.0 : 0.0;
 }
 
 // Which face of the light's cube a direction belongs to (light space: x, y in an area light's plane, z along its axis).
@@ -160,14 +166,23 @@ void main() {
         vec3 p_ls = vec3(dot(face[8], vec4(position.xyz, 1.0)), dot(face[9], vec4(position.xyz, 1.0)), dot(face[10], vec4(position.xyz, 1.0)));
 #endif
         // curvature and facets within a texel move depths by more the steeper the surface stands to the light
-        float facing = min(dot(normal_fs, p_fs), 0.0);
-        float slope = sqrt(max(dot(p_fs, p_fs) - facing * facing, 0.0)) / max(-facing, 1e-20);
+#ifdef ORTHOGRAPHIC
+        const vec3 ray = vec3(0.0, 0.0, 1.0);
+#else
+        vec3 ray = p_fs;
+#endif
+        float facing = min(dot(normal_fs, ray), 0.0);
+        float slope = sqrt(max(dot(ray, ray) - facing * facing, 0.0)) / max(-facing, 1e-20);
         float tolerance = BIAS_FOOTPRINTS + BIAS_SLOPE_FOOTPRINTS * min(slope, BIAS_MAX_SLOPE);
 #ifdef OMNI
         Place place = place_of(p_fs);
 #endif
         for (int k = 0; k < view_count; k++) {
             vec3 p = p_fs - view_center(k);
+#ifdef ORTHOGRAPHIC
+            const bool in_map = true;
+            float weight = max(-dot(shading_fs, ray_direction(k)), 0.0);
+#else
             float squared_distance = dot(p, p);
             // a point on the light itself: the cosines have no direction
             if (!(squared_distance > 0.0)) {
@@ -186,6 +201,7 @@ void main() {
             float weight = delivered(k, p, squared_distance, shading_fs, place);
 #else
             float weight = delivered(p, squared_distance, shading_fs);
+#endif
 #endif
             if (weight > 0.0) {
                 // faces without casters have no map and are looked up together with the first that has one

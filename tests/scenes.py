@@ -135,6 +135,18 @@ def spot_light(
     return Light(name, LightShape.SPOT, looking(eye, target), 2 * radius_m, 2 * radius_m, np.pi, cone_rad=cone_rad, **fields)
 
 
+def sun_light(
+    name: str = "Key",
+    eye: Sequence[float] = (0.0, 0.0, 5.0),
+    target: Sequence[float] = (0.0, 0.0, 0.0),
+    angle_rad: float = 0.1,
+    **fields: Any,
+) -> Light:
+    fields = {"strength": 3.0, "casts_shadow": True, **fields}
+    size = 2 * np.tan(angle_rad / 2)
+    return Light(name, LightShape.SUN, looking(eye, target), size, size, np.pi, **fields)
+
+
 def perspective_camera(eye: Sequence[float], target: Sequence[float], width: int, height: int, half_width: float = 0.5) -> Camera:
     """half_width: tangent of half the horizontal angle of view"""
     top = half_width * height / width

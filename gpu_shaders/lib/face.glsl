@@ -17,10 +17,24 @@ vec3 face_direction(vec3 d_ws) {
 #define far_m (face[4].y)
 #define blur_depth (face[4].w)
 
-// Views of a batch: table `views`, two rows each.
-#define view_center(k) (views[2 * (k)].xyz)
-#define view_first_row(k) ((k) * map_size.y)
-#define view_window(k) (views[2 * (k) + 1].xy)
+// The larger side of a texel in metres, and how far depths may be rounded.
+#ifdef ORTHOGRAPHIC
+float footprint_at(float depth) {
+    return footprint_share;
+}
+
+float depth_rounding(float depth) {
+    return 1.0e-6 * far_m;
+}
+#else
+float footprint_at(float depth) {
+    return depth * footprint_share;
+}
+
+float depth_rounding(float depth) {
+    return 4.0e-7 * depth;
+}
+#endif
 
 // Surfaces nearer to the light than its own diameter (`blur_depth`) are sampled as if they stood there, and their points cover
 // as many more texels. Each view sees another part of them, so sampling them fully takes many times the texels of a map; but

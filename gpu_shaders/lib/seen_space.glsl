@@ -1,11 +1,16 @@
-// What the views of a face see together, whatever their number: their centres lie in the hull's convex hull, and what any of them
+// What the views of a face see together, whatever their number: their centres (of suns, directions) lie in the hull of `hull_count` corners, and what any of them
 // sees lies within six planes.
 #include "lib/face.glsl"
 
-// Linear in the view's centre: testing the hull's corners is exact for every view inside.
+// Linear in the view's centre or, of suns, direction: testing the hull's corners is exact for every view inside.
 bool faces_any_view(vec3 normal_fs, vec3 point_fs) {
     for (int k = 0; k < hull_count; k++) {
-        if (dot(normal_fs, hull[k].xyz - point_fs) > 0.0) {
+#ifdef ORTHOGRAPHIC
+        vec3 towards_light = -vec3(hull[k].xy, 1.0);
+#else
+        vec3 towards_light = hull[k].xyz - point_fs;
+#endif
+        if (dot(normal_fs, towards_light) > 0.0) {
             return true;
         }
     }

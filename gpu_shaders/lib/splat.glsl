@@ -1,5 +1,5 @@
 // Writes a point of a triangle into the depth maps of all views of the batch.
-#include "lib/face.glsl"
+#include "lib/view.glsl"
 
 // A point lies anywhere in its texel, the stored depth belongs to the texel's centre: the triangle's plane is followed
 // to there, as a rasterizer would, within limits because beyond the triangle's edge the plane is a guess. Away from the light it
@@ -7,11 +7,10 @@
 const float MAX_SHIFT_NEARER_FOOTPRINTS = 0.5;
 const float MAX_SHIFT_DEEPER_FOOTPRINTS = 16.0;
 
-void write_depth(int k, ivec2 texel, vec2 window, float z, vec3 normal_fs, float plane_offset, float footprint) {
-    vec2 tangent = (vec2(texel) + 0.5 + window) * texel_tangent;
-    float facing = dot(normal_fs.xy, tangent) + normal_fs.z;
+void write_depth(int k, ivec2 texel, float z, vec3 normal_fs, float plane_offset, float footprint) {
+    vec2 plane = plane_on_ray(k, vec2(texel) + 0.5, normal_fs, plane_offset);
     // edge-on triangles have no depth at the centre: the division is kept finite and the clamp decides
-    float plane_depth = plane_offset / (abs(facing) > 1e-6 ? facing : 1e-6);
+    float plane_depth = plane.x / (abs(plane.y) > 1e-6 ? plane.y : 1e-6);
     float nearest = max(z - MAX_SHIFT_NEARER_FOOTPRINTS * footprint, near_m);
     uint bits = floatBitsToUint(clamp(plane_depth, nearest, z + MAX_SHIFT_DEEPER_FOOTPRINTS * footprint));
     ivec2 address = ivec2(texel.x, texel.y + view_first_row(k));
@@ -29,11 +28,11 @@ void splat(vec3 p_fs, vec3 normal_fs) {
     }
     vec2 texels_per_metre = texels_per_tangent / p_fs.z;
     float plane_constant = dot(normal_fs, p_fs);
-    float footprint = footprint_share * p_fs.z;
+    float footprint = footprint_at(p_fs.z);
 #endif
     for (int k = 0; k < view_count; k++) {
-        vec4 view = views[2 * k + 1];
 #ifdef FRONT_FACE
+        vec4 view = views[2 * k + 1];
         float z = p_fs.z;
         ivec2 texel = ivec2(floor((p_fs.xy - view.zw) * texels_per_metre - view.xy));
         float plane_offset = plane_constant - dot(normal_fs.xy, view.zw);
@@ -43,9 +42,9 @@ void splat(vec3 p_fs, vec3 normal_fs) {
         if (z <= near_m) {
             continue;
         }
-        ivec2 texel = ivec2(floor(p.xy * (texels_per_tangent / z) - view.xy));
+        ivec2 texel = ivec2(floor(map_position(k, p)));
         float plane_offset = dot(normal_fs, p);
-        float footprint = footprint_share * z;
+        float footprint = footprint_at(z);
 #endif
 #ifdef NEAR_SURFACES
         float footprint_texels = sampled_depth(z) / z;
@@ -54,12 +53,12 @@ void splat(vec3 p_fs, vec3 normal_fs) {
         ivec2 high = min(texel + around, map_size - 1);
         for (int y = low.y; y <= high.y; y++) {
             for (int x = low.x; x <= high.x; x++) {
-                write_depth(k, ivec2(x, y), view.xy, z, normal_fs, plane_offset, footprint * footprint_texels);
+                write_depth(k, ivec2(x, y), z, normal_fs, plane_offset, footprint * footprint_texels);
             }
         }
 #else
         if (all(greaterThanEqual(texel, ivec2(0))) && all(lessThan(texel, map_size))) {
-            write_depth(k, texel, view.xy, z, normal_fs, plane_offset, footprint);
+            write_depth(k, texel, z, normal_fs, plane_offset, footprint);
         }
 #endif
     }

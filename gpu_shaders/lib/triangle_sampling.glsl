@@ -104,6 +104,30 @@ vec3 closest_point(vec3 p, vec3 a, vec3 b, vec3 c) {
     return sum > 0.0 ? a + ab * (vb / sum) + ac * (vc / sum) : a;
 }
 
+#ifdef ORTHOGRAPHIC
+// Of views of a sun densities depend on nothing but the plane; `hull` are corners around their directions (offset a metre of depth).
+// x, y as below. Both are convex in the direction, so the corners stand for all views.
+vec2 largest_density_of_plane(vec3 n) {
+    vec2 density = vec2(0.0);
+    vec2 texels = texels_per_tangent;
+    for (int k = 0; k < hull_count; k++) {
+        vec3 row_x = texels.x * vec3(1.0, 0.0, -hull[k].x);
+        vec3 row_y = texels.y * vec3(0.0, 1.0, -hull[k].y);
+        float along_x = dot(row_x, n), along_y = dot(row_y, n);
+        float frobenius = dot(row_x, row_x) + dot(row_y, row_y) - along_x * along_x - along_y * along_y;
+        density = max(density, vec2(abs(dot(vec3(hull[k].xy, 1.0), n)) * texels.x * texels.y, frobenius));
+    }
+    return density;
+}
+
+vec2 largest_density(AlignedTriangle t) {
+    return largest_density_of_plane(t.n);
+}
+
+vec2 largest_density_of_rectangle(vec3 corners[4], vec3 n) {
+    return largest_density_of_plane(n);
+}
+#else
 // A view that has a point in its window is at least this deep before it: depth is distance over sqrt(1 + tangents^2), and no
 // view is nearer than the hull. `slack`: how far the surface meant reaches around the point.
 float least_visible_depth(vec3 p_fs, float slack) {
@@ -162,3 +186,5 @@ vec2 largest_density_of_rectangle(vec3 corners[4], vec3 n) {
     }
     return density;
 }
+
+#endif

@@ -12,6 +12,7 @@ from vir_addon.core.bounds import compute_bounds, cullable_instances
 from vir_addon.core.fit import FittedFace, fit_light, light_hull, select_receivers
 from vir_addon.core.methods import depth_map_method
 from vir_addon.core.methods.base import DepthMapMethod
+from vir_addon.core.methods.ivir import PointScratch
 from vir_addon.core.passes.eye import EyePass
 from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.passes.shadow_maps import MAX_BATCH_VIEWS, DepthMaps, face_table
@@ -93,7 +94,15 @@ class Bench:
     def method(self, variant: Variant) -> DepthMapMethod:
         table = face_table(self.fitted.views, self.light)
         return depth_map_method(
-            variant.planned, self.scene_data, self.fitted, table, self.culled, self.light, self.samples_m, variant.settings
+            variant.planned,
+            self.scene_data,
+            self.fitted,
+            table,
+            self.culled,
+            self.light,
+            self.samples_m,
+            variant.settings,
+            lambda: PointScratch(self.scene_data.device, variant.settings),
         )
 
     def batches(self) -> list[range]:

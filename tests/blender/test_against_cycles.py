@@ -43,7 +43,7 @@ def shadow_pass(scene, method: Method, view_count: int):
 
 
 def compare(scene, reference: cycles.CyclesReference, view_count: int):
-    for method in (Method.MVR, Method.IVIR):
+    for method in (Method.MVR, Method.IVIR, Method.MICRO):
         image, statistics = shadow_pass(scene, method, view_count)
         errors = reference.errors(image)
         print(
@@ -62,6 +62,41 @@ def test_small_picture_agrees(scene):
     for method, overall, penumbra in compare(scene, reference, 128):
         assert np.sqrt(max(overall**2 - reference.noise**2, 0)) <= 0.025, method
         assert np.sqrt(max(penumbra**2 - reference.noise**2, 0)) <= 0.05, method
+
+
+LIGHTS = {
+    "hard point": ("POINT", {"shadow_soft_size": 0.0}),
+    "point with a soft falloff": ("POINT", {"shadow_soft_size": 0.4, "use_soft_falloff": True}),
+    "sphere": ("POINT", {"shadow_soft_size": 0.4, "use_soft_falloff": False}),
+    "spot": ("SPOT", {"shadow_soft_size": 0.3, "spot_size": 1.2, "spot_blend": 0.5, "use_soft_falloff": True}),
+    "spot of a sphere": ("SPOT", {"shadow_soft_size": 0.3, "spot_size": 1.2, "spot_blend": 0.5, "use_soft_falloff": False}),
+    "square spot, which is round": ("SPOT", {"shadow_soft_size": 0.3, "spot_size": 1.2, "spot_blend": 0.5, "use_square": True}),
+    "wide spot": ("SPOT", {"shadow_soft_size": 0.3, "spot_size": 2.9, "spot_blend": 0.3}),
+    "sun": ("SUN", {"angle": 0.15}),
+    "wide sun": ("SUN", {"angle": 0.8}),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scale", [(1.0, 1.0, 1.0), (1.5, 0.7, 1.2)])
+@pytest.mark.parametrize("name", LIGHTS)
+def test_lights_of_all_kinds_agree(scene, name, scale):
+    if scale != (1.0, 1.0, 1.0) and name not in ("sphere", "spot"):
+        pytest.skip("scale concerns the cone alone, and must not concern the radius")
+    suzanne_on_a_floor(scene, levels=4)
+    kind, data = LIGHTS[name]
+    lamp = bpy.data.lights.new("Lamp", kind)
+    lamp.energy = 3.0 if kind == "SUN" else 300.0
+    for key, value in data.items():
+        setattr(lamp, key, value)
+    bpy.data.objects.remove(bpy.data.objects["Key"])
+    key = bpy.data.objects.new("Key", lamp)
+    scene.collection.objects.link(key)
+    key.location, key.rotation_euler, key.scale = (2.0, -2.0, 4.0), (0.6, 0.0, 0.785), scale
+    cycles.prepare(scene, (160, 90))
+    reference = cycles.CyclesReference(scene, 512)
+    for method, overall, _ in compare(scene, reference, 128):
+        assert np.sqrt(max(overall**2 - reference.noise**2, 0)) <= 0.02, method
 
 
 @pytest.mark.slow

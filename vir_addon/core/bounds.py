@@ -34,13 +34,15 @@ def compute_bounds(snapshot: SceneSnapshot) -> SceneBounds:
     return SceneBounds(mesh_bounds_os, flat_axis, corners_ws)
 
 
-def cullable_instances(snapshot: SceneSnapshot, bounds: SceneBounds, eyes_ws: np.ndarray) -> np.ndarray:
-    """(instance_count,) bool: instances whose back faces need not be drawn from any of the eyes, (n, 3) world space.
+def cullable_instances(snapshot: SceneSnapshot, bounds: SceneBounds, eyes_ws: np.ndarray | None) -> np.ndarray:
+    """(instance_count,) bool: instances whose back faces need not be drawn from any of the eyes, (n, 3) world space; None: from a sun.
 
     Seen from outside, a ray through a closed surface crosses as many front as back faces, so front faces alone block it
     as well. An eye inside (a lamp in its shade, a box around the light) sees only back faces: such instances keep both.
     """
     closed = np.array([mesh.is_closed for mesh in snapshot.meshes], bool)[snapshot.instances.mesh_index]
+    if eyes_ws is None:
+        return closed
     box = bounds.mesh_bounds_os[snapshot.instances.mesh_index]
     object_from_world = np.linalg.inv(snapshot.instances.world_from_object.astype(np.float64))
     eyes_os = np.einsum("nij,kj->nki", object_from_world[:, :3, :3], eyes_ws) + object_from_world[:, None, :3, 3]

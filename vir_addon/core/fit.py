@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .bounds import FLAT_TOLERANCE, SceneBounds
-from .scene import Light, SceneSnapshot
+from .scene import Light, LightShape, SceneSnapshot
 from .views import (
     MAX_SINGLE_FACE_TANGENT,
     MIN_RECEIVER_MARGIN,
@@ -88,7 +88,8 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -
     p = (points - center) @ axes.T
     # the light's nearest point to the plane of the surface decides whether any of it is above the horizon; the shading normal
     # may lean towards the light by as much again, so surfaces turned away by a little are kept
-    turned = np.einsum("ij,ij->i", normal @ axes.T, -p) > -half - 0.5 * np.linalg.norm(p, axis=1)
+    towards = np.full_like(p, (0.0, 0.0, -1.0)) if light.shape is LightShape.SUN else -p
+    turned = np.einsum("ij,ij->i", normal @ axes.T, towards) > -half - 0.5 * np.linalg.norm(towards, axis=1)
     reach = lit_places(light, p) & turned
     margin = _margin(surface, reach)
     points, p = points[reach], p[reach]
@@ -100,14 +101,16 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -
             p_fs = p @ (face.face_from_world @ axes.T).T
             # as far to the sides as a single frustum reaches
             before = np.flatnonzero((np.abs(p_fs[:, :2]) < MAX_SINGLE_FACE_TANGENT * p_fs[:, 2:]).all(axis=1))
-            chosen += [before[part] for part in _outermost(p_fs[before])]
+            chosen += [before[part] for part in _outermost(p_fs[before, :2] / p_fs[before, 2:], p_fs[before, 2])]
     else:
-        chosen += _outermost(p)
+        chosen += _outermost(p[:, :2] if light.shape is LightShape.SUN else p[:, :2] / p[:, 2:], p[:, 2])
     return Receivers(points[np.unique(np.concatenate(chosen))], margin)
 
 
 def lit_places(light: Light, p_ls: np.ndarray) -> np.ndarray:
     """(n,) bool: which places, (n, 3) light space, some of the light shines upon: before an area light's plane, in a spot's cone."""
+    if light.shape is LightShape.SUN:
+        return np.ones(len(p_ls), bool)
     if not light.shape.is_omni:
         return p_ls[:, 2] > 0
     half = light.cone_rad / 2
@@ -121,14 +124,13 @@ def lit_places(light: Light, p_ls: np.ndarray) -> np.ndarray:
     return (depth >= np.cos(half) * distance) | (np.linalg.norm(p_ls, axis=1) <= light.radius_m)
 
 
-def _outermost(p: np.ndarray) -> list[np.ndarray]:
-    """Indices of the outermost points, (n, 3) with positive depth, in slices of depth."""
-    if not len(p):
+def _outermost(places: np.ndarray, depths: np.ndarray) -> list[np.ndarray]:
+    """Indices of the outermost of (n, 2) places in slices of depth."""
+    if not len(depths):
         return []
-    tangents = p[:, :2] / p[:, 2:]
     chosen = []
-    for part in np.array_split(np.argsort(p[:, 2], kind="stable"), min(32, len(p))):
-        chosen += [part[tangents[part].argmin(axis=0)], part[tangents[part].argmax(axis=0)], part[[0, -1]]]
+    for part in np.array_split(np.argsort(depths, kind="stable"), min(32, len(depths))):
+        chosen += [part[places[part].argmin(axis=0)], part[places[part].argmax(axis=0)], part[[0, -1]]]
     return chosen
 
 
@@ -169,7 +171,12 @@ def shadowing_casters(
     snapshot: SceneSnapshot, light: Light, bounds: SceneBounds, receivers_ws: np.ndarray, samples_m: np.ndarray
 ) -> CasterSet:
     """Casters of the light without flat ones that shadow nothing visible."""
-    samples_ws = light.world_from_light[:3, 3] + samples_m @ light_axes(light)
+    if light.shape is LightShape.SUN:
+        # so far away that every plane in the scene has it on the side from which its rays come
+        far_m = 1e6 * max(float(np.ptp(bounds.corners_ws.reshape(-1, 3), axis=0).max()), float(np.abs(bounds.corners_ws).max()))
+        samples_ws = -far_m * np.add(samples_m, (0, 0, 1)) @ light_axes(light)
+    else:
+        samples_ws = light.world_from_light[:3, 3] + samples_m @ light_axes(light)
     indices = light_casters(snapshot, light)
     flat = bounds.flat_axis[snapshot.instances.mesh_index[indices]] >= 0
     idle = [i for i in indices[flat] if _shadows_nothing(snapshot, bounds, int(i), samples_ws, receivers_ws)]
@@ -179,9 +186,13 @@ def shadowing_casters(
 
 def light_hull(light: Light, samples_m: np.ndarray) -> np.ndarray:
     """(1, 2, 4 or 8, 3) float64 world-space corners of a box around all light samples"""
-    ends = (samples_m.min(axis=0), samples_m.max(axis=0))
-    corners = np.unique([[ends[i][0], ends[j][1], ends[k][2]] for k in (0, 1) for j in (0, 1) for i in (0, 1)], axis=0)
-    return light.world_from_light[:3, 3] + corners @ light_axes(light)
+    return light.world_from_light[:3, 3] + box_corners(samples_m) @ light_axes(light)
+
+
+def box_corners(points: np.ndarray) -> np.ndarray:
+    """(1, 2, 4 or 8, 3) corners of the box around (n, 3) points"""
+    ends = (points.min(axis=0), points.max(axis=0))
+    return np.unique([[ends[i][0], ends[j][1], ends[k][2]] for k in (0, 1) for j in (0, 1) for i in (0, 1)], axis=0)
 
 
 def _tangent_bounds(points: np.ndarray, near_m: float, limits: tuple[float, float, float, float]) -> np.ndarray:
@@ -272,12 +283,12 @@ def fit_face(
         windows[index] = _union(shadowing)
     needed = seen.any(axis=0)
     if not needed.any():
-        return _face_without_casters(face, centers_fs, samples_m, near_m, far_m)
+        return _face_without_casters(face, light, centers_fs, samples_m, near_m, far_m)
     if not exact:
         windows = np.tile(_union(windows), (len(centers_fs), 1))
         seen = np.tile(needed, (len(centers_fs), 1))
     windows[_is_empty(windows)] = 0
-    views = fit_windows(face, centers_fs, samples_m, windows, resolution_px, near_m, far_m)
+    views = fit_windows(face, centers_fs, samples_m, windows, resolution_px, near_m, far_m, center)
     return FittedFace(views, casters.indices[needed], seen[:, needed], float(nearest_m))
 
 
@@ -289,10 +300,59 @@ def _with_margin(bounds: np.ndarray, margin: float, limits: tuple[float, float, 
     return _intersect(bounds + np.array([-x, x, -y, y]), np.array(limits))
 
 
-def _face_without_casters(face: Face, centers_fs: np.ndarray, samples_m: np.ndarray, near_m: float, far_m: float) -> FittedFace:
-    count = len(centers_fs)
-    views = FaceViews(face, centers_fs, samples_m, (1.0, 1.0), np.zeros((count, 2), np.int64), 0, 0, near_m, far_m)
+def _face_without_casters(
+    face: Face, light: Light, centers_fs: np.ndarray, samples_m: np.ndarray, near_m: float, far_m: float
+) -> FittedFace:
+    count, is_sun = len(centers_fs), light.shape is LightShape.SUN
+    origin_ws = light.world_from_light[:3, 3]
+    views = FaceViews(
+        face, centers_fs, samples_m, (1.0, 1.0), np.zeros((count, 2), np.int64), 0, 0, near_m, far_m, origin_ws, is_orthographic=is_sun
+    )
     return FittedFace(views, np.zeros(0, np.int64), np.zeros((count, 0), bool), np.inf)
+
+
+def _sheared_bounds(points: np.ndarray, shear: np.ndarray) -> np.ndarray:
+    """(set, point, 3) along the sun's axes -> (set, 4) left, right, bottom, top where the map of a direction has them, metres"""
+    places = points[..., :2] - shear * points[..., 2:]
+    low, high = places.min(axis=-2), places.max(axis=-2)
+    return np.stack([low[..., 0], high[..., 0], low[..., 1], high[..., 1]], axis=-1)
+
+
+def fit_sun(light: Light, samples_m: np.ndarray, casters: CasterSet, receivers: Receivers, resolution_px: int) -> FittedFace:
+    """Windows of all views of a sun: what casts, however far towards the sun, intersected with the receivers. The lattice hangs on the
+    world's origin, whatever depth is counted from."""
+    axes, limits = light_axes(light), (-np.inf, np.inf, -np.inf, np.inf)
+    face = Face("sun", 0, axes, limits)
+    points, corners = receivers.points_ws @ axes.T, casters.corners_ws @ axes.T
+    farthest = float(points[:, 2].max())
+    deepest_first = corners[..., 2].min(axis=-1)
+    seen = np.zeros((len(samples_m), len(corners)), bool)
+    windows = np.zeros((len(samples_m), 4))
+    exact = len(samples_m) * len(corners) <= MAX_PAIRS
+    shears = samples_m[:, :2] if exact else box_corners(samples_m)[:, :2]
+    views_of = [np.array([index]) for index in range(len(samples_m))] if exact else [np.arange(len(samples_m))] * len(shears)
+    found = []
+    for index, shear in enumerate(shears):
+        received = _with_margin(_sheared_bounds(points[None], shear)[0], receivers.margin, limits)
+        shadowing = _intersect(_sheared_bounds(corners, shear), received)
+        shadowing[deepest_first >= farthest] = NOTHING
+        seen[views_of[index]] |= ~_is_empty(shadowing)
+        found.append(_union(shadowing))
+    needed = seen.any(axis=0)
+    if not needed.any():
+        return _face_without_casters(face, light, np.zeros_like(samples_m), samples_m, NEAR_SHARE_OF_FAR, 1.0)
+    windows[:] = np.array(found) if exact else _union(np.array(found))
+    windows[_is_empty(windows)] = 0
+    first = float(deepest_first[needed].min())
+    depth_m = max(farthest - first, 1e-6) * (1 + min(receivers.margin, 1.0))
+    near_m = float(NEAR_SHARE_OF_FAR * depth_m)
+    start = first - 2 * near_m
+    # moving the origin along the axis moves a sheared view: its centre moves back by as much
+    centers_fs = samples_m * start
+    views = fit_windows(
+        face, centers_fs, samples_m, windows, resolution_px, near_m, depth_m + 3 * near_m, start * axes[2], shear_depth_m=depth_m
+    )
+    return FittedFace(views, casters.indices[needed], seen[:, needed], near_m)
 
 
 def fit_light(
@@ -301,7 +361,9 @@ def fit_light(
     """All faces of a light that hold receivers, and whether it took a cube."""
     if not len(receivers.points_ws):
         return [], False
-    faces = choose_faces(light, receivers.points_ws, samples_m)
     casters = shadowing_casters(snapshot, light, bounds, receivers.points_ws, samples_m)
+    if light.shape is LightShape.SUN:
+        return [fit_sun(light, samples_m, casters, receivers, resolution_px)], False
+    faces = choose_faces(light, receivers.points_ws, samples_m)
     fitted = (fit_face(face, light, samples_m, casters, receivers, resolution_px) for face in faces)
     return [face for face in fitted if face is not None], len(faces) > 1

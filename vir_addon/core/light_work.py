@@ -11,6 +11,7 @@ from .bounds import SceneBounds, cullable_instances
 from .fit import FittedFace, fit_light, light_hull, select_receivers
 from .methods import depth_map_method
 from .methods.base import DepthMapMethod
+from .methods.shared import SharedByFaces
 from .pass_set import PassStatistics
 from .passes.accumulate import MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, PassAccumulator
 from .passes.eye import EyePass
@@ -19,15 +20,16 @@ from .passes.shadow_maps import RESOLVE, DepthMaps, face_table, samples_table, v
 from .plan import PlannedPass, RenderPlan
 from .sampling import light_samples, sample_weights
 from .scene import Light, LightShape, SceneSnapshot
-from .settings import Resolve
+from .settings import Resolve, Settings
 from .stopwatch import Stopwatch
 
 
 class MapStore:
     """Textures that all lights share because only one batch uses them at a time."""
 
-    def __init__(self, device: Device, width: int, height: int) -> None:
+    def __init__(self, device: Device, width: int, height: int, settings: Settings) -> None:
         self.device = device
+        self.shared = SharedByFaces(device, settings)
         self.batch_sums: Texture = device.upload_texture(np.zeros((height, width, 4), np.float32))
         self.no_receivers: Texture = device.upload_array(np.ones((1, 4), np.float32))
         self._maps: dict[tuple[int, int, int], DepthMaps] = {}
@@ -39,6 +41,7 @@ class MapStore:
         return self._maps[key]
 
     def release(self) -> None:
+        self.shared.release()
         self.batch_sums.release()
         self.no_receivers.release()
         for maps in self._maps.values():
@@ -59,6 +62,8 @@ class LightWork:
             self.resolve_flags.append("POINT_MAPS")
         if self.light.shape.is_omni:
             self.resolve_flags += ["OMNI"] + ["SPHERE"] * (planned.view_count > 1) + ["CONE"] * (self.light.shape is LightShape.SPOT)
+        if self.light.shape is LightShape.SUN:
+            self.resolve_flags.append("ORTHOGRAPHIC")
         self.receivers = store.no_receivers
         if self.light.receivers is not None:
             rows = np.zeros((len(self.light.receivers), 4), np.float32)
@@ -84,8 +89,10 @@ class LightWork:
             fitted_faces, is_cube = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, self.planned.map_resolution_px)
             if is_cube:
                 self.resolve_flags.append("MANY_FACES")
-            self.reference_m = max((fitted.views.far_m for fitted in fitted_faces), default=1.0)
-            culled = cullable_instances(snapshot, bounds, light_hull(self.light, self.samples_m))
+            is_sun = self.light.shape is LightShape.SUN
+            if not is_sun:
+                self.reference_m = max((fitted.views.far_m for fitted in fitted_faces), default=1.0)
+            culled = cullable_instances(snapshot, bounds, None if is_sun else light_hull(self.light, self.samples_m))
             for fitted in fitted_faces:
                 self.faces.append(self._face(fitted, culled))
             for _, _, method in self.faces:
@@ -97,7 +104,17 @@ class LightWork:
         table = face_table(fitted.views, self.light, self.reference_m)
         if not len(fitted.caster_indices):
             return fitted, table, None
-        method = depth_map_method(self.planned, self.scene_data, fitted, table, culled, self.light, self.samples_m, self.plan.settings)
+        method = depth_map_method(
+            self.planned,
+            self.scene_data,
+            fitted,
+            table,
+            culled,
+            self.light,
+            self.samples_m,
+            self.plan.settings,
+            self.store.shared,
+        )
         return fitted, table, method
 
     def _update_statistics(self) -> None:

@@ -124,7 +124,7 @@ class Renderer:
             self._cleanup.callback(self.scene_data.release)
             self.eye = EyePass(self.snapshot, self.scene_data, self.device, bounds, self.offsets_px)
             self._cleanup.callback(self.eye.release)
-            self.store = MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px)
+            self.store = MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, self.plan.settings)
             self._cleanup.callback(self.store.release)
         self._render_eye(0)
         if any(planned.runs for planned in self.plan.passes):

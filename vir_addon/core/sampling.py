@@ -78,16 +78,33 @@ def square_to_disk(points: np.ndarray) -> np.ndarray:
 
 def light_samples(light: Light, count: int) -> np.ndarray:
     """(count, 3) float64 metres from the light's centre along `views.light_axes`: in the plane of an area light, on the sphere of a
-    point light or spot. One sample is the centre."""
+    point light or spot. Suns: offsets of the rays' directions a metre along the axis. One sample is the centre."""
     samples_m = np.zeros((count, 3))
     if count == 1:
         return samples_m
     points = unit_square_points(count, stable_seed(light.name))
     if light.shape.is_omni:
         return light.radius_m * _sphere_directions(light, points)
+    if light.shape is LightShape.SUN:
+        samples_m[:, :2] = _sun_offsets(light, points)
+        return samples_m
     unit = square_to_disk(points) / 2 if light.shape is LightShape.ELLIPSE else points - 0.5
     samples_m[:, :2] = unit * [light.size_x_m, light.size_y_m]
     return samples_m
+
+
+MAX_SUN_ANGLE_RAD = math.radians(85)
+"""Rays at larger angles to a sun's axis run at this one: only suns wider than 170 degrees have them."""
+
+
+def _sun_offsets(light: Light, points: np.ndarray) -> np.ndarray:
+    """(n, 2) in [0, 1)^2 -> (n, 2) tangents of directions, uniform in solid angle over the sun's cone"""
+    disk = square_to_disk(points)
+    squared = (disk**2).sum(axis=1)
+    cosine = 1 - squared * (1 - math.cos(math.atan(light.size_x_m / 2)))
+    cosine = np.maximum(cosine, math.cos(MAX_SUN_ANGLE_RAD))
+    tangent = np.sqrt(1 - cosine**2) / cosine
+    return disk * (tangent / np.sqrt(np.maximum(squared, 1e-30)))[:, None]
 
 
 SPHERE_TABLE_SIZE = 4096

@@ -48,7 +48,7 @@ class Settings:
     watertight: bool = True
     """point spacing that leaves no texel empty (covering radius) instead of the published one point per pixel area"""
     point_buffer_mib: int = 256
-    """memory for points; what does not fit is processed in portions"""
+    """memory for the points of all lights; what does not fit is processed in portions, or made again when its turn comes"""
 
     def __post_init__(self) -> None:
         if not 1 <= self.view_count <= 4096:

@@ -122,6 +122,10 @@ class FaceViews:
     map_height_px: int
     near_m: float
     far_m: float
+    origin_ws: np.ndarray
+    """(3,) float64 world-space origin of face space: the light's centre; of suns, on the axis through the world's origin"""
+    is_orthographic: bool = False
+    """Views of a sun: texels and windows are in metres across its axis, samples are offsets a metre of depth."""
 
     @property
     def view_count(self) -> int:
@@ -130,13 +134,15 @@ class FaceViews:
     @property
     def light_diameter_m(self) -> float:
         """of the ball around the middle of all view centres: diagonal of a rectangle, diameter of a sphere"""
+        if self.is_orthographic:
+            return 0.0
         middle = (self.centers_fs.min(axis=0) + self.centers_fs.max(axis=0)) / 2
         return 2 * float(np.linalg.norm(self.centers_fs - middle, axis=1).max())
 
     @property
     def is_planar(self) -> bool:
         """All views lie in the plane that the face looks away from: what is at one depth before one is so before all."""
-        return bool(np.abs(self.centers_fs[:, 2]).max() <= 1e-9 * np.abs(self.centers_fs).max())
+        return not self.is_orthographic and bool(np.abs(self.centers_fs[:, 2]).max() <= 1e-9 * np.abs(self.centers_fs).max())
 
     def window_tangents(self, view: int) -> tuple[float, float, float, float]:
         """left, right, bottom, top"""
@@ -150,16 +156,26 @@ def snap_up_to_ladder(size: float) -> float:
 
 
 def fit_windows(
-    face: Face, centers_fs: np.ndarray, samples_m: np.ndarray, windows: np.ndarray, resolution_px: int, near_m: float, far_m: float
+    face: Face,
+    centers_fs: np.ndarray,
+    samples_m: np.ndarray,
+    windows: np.ndarray,
+    resolution_px: int,
+    near_m: float,
+    far_m: float,
+    origin_ws: np.ndarray,
+    shear_depth_m: float | None = None,
 ) -> FaceViews:
     """Place one map per view over its window.
 
-    windows: (view_count, 4) float64 tangents left, right, bottom, top that the maps must cover.
+    windows: (view_count, 4) float64 tangents (suns: metres) left, right, bottom, top that the maps must cover.
+    shear_depth_m: of a sun, from the first caster to the last receiver; how far windows wander there is what parallax is to others.
     """
     usable = resolution_px - 2 * WINDOW_MARGIN_TEXELS - 1
     tangents = []
-    for low, high in (windows[:, :2].T, windows[:, 2:].T):
-        width = max(float((high - low).max()), MIN_PARALLAX_SHARE * float(np.ptp(low + high)) / 2, 1e-6)
+    for axis, (low, high) in enumerate((windows[:, :2].T, windows[:, 2:].T)):
+        wander = float(np.ptp(low + high)) / 2 if shear_depth_m is None else float(np.ptp(samples_m[:, axis])) * shear_depth_m
+        width = max(float((high - low).max()), MIN_PARALLAX_SHARE * wander, 1e-6)
         farthest = max(float(np.abs(low).max()), float(np.abs(high).max()))
         tangents.append(snap_up_to_ladder(max(width / usable, farthest / MAX_LATTICE_INDEX)))
     origin = [np.floor(windows[:, 2 * axis] / tangents[axis]).astype(np.int64) - WINDOW_MARGIN_TEXELS for axis in (0, 1)]
@@ -173,4 +189,6 @@ def fit_windows(
         map_height_px=resolution_px,
         near_m=near_m,
         far_m=far_m,
+        origin_ws=origin_ws,
+        is_orthographic=shear_depth_m is not None,
     )

@@ -13,6 +13,7 @@ from .base import DepthMapMethod
 from .ivir import ImprovedViewIndependentRasterization
 from .micro import MicroTriangleRasterization
 from .mvr import MultiviewRasterization
+from .shared import SharedByFaces
 
 
 def depth_map_method(
@@ -24,11 +25,12 @@ def depth_map_method(
     light: Light,
     samples_m: np.ndarray,
     settings: Settings,
+    shared: SharedByFaces,
 ) -> DepthMapMethod:
     if planned.method is Method.MVR:
         return MultiviewRasterization(scene_data, fitted, face_table, culled)
     if planned.method is Method.MICRO:
-        return MicroTriangleRasterization(scene_data, fitted, face_table, culled, light, samples_m, settings)
+        return MicroTriangleRasterization(scene_data, fitted, face_table, culled, light, samples_m, settings, shared)
     if planned.points is None:
         raise ValueError(f"{planned.method.value} needs a point storage")
-    return ImprovedViewIndependentRasterization(scene_data, fitted, face_table, culled, light, samples_m, settings, planned.points)
+    return ImprovedViewIndependentRasterization(scene_data, fitted, face_table, culled, light, samples_m, settings, planned.points, shared)

@@ -20,6 +20,7 @@ class DepthMapMethod(abc.ABC):
         self.scene_data, self.fitted, self.face_table, self.culled = scene_data, fitted, face_table, culled
         self.device: Device = scene_data.device
         self.portion_count = 1
+        self.projection_flags = ["ORTHOGRAPHIC"] * fitted.views.is_orthographic
 
     @property
     def caster_triangle_count(self) -> int:

@@ -14,7 +14,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from ...device.declaration import ComputeDeclaration
-from ...device.interface import EMPTY_DEPTH_BITS, TextureFormat
+from ...device.interface import EMPTY_DEPTH_BITS
 from ..fit import FittedFace
 from ..passes.scene_data import WORK_GROUP_SIZE, SceneData
 from ..passes.shadow_maps import (
@@ -33,6 +33,7 @@ from ..settings import PointStorage, Settings
 from .base import DepthMapMethod
 from .linear_store import LinearStore
 from .seen_space import seen_space_bindings, window_bounds
+from .shared import TEXELS_PER_TILE, SharedByFaces
 
 
 class Releasable(Protocol):
@@ -44,15 +45,11 @@ Resource = TypeVar("Resource", bound=Releasable)
 TILE_CELLS = 8
 MAX_SMALL_CELLS = 32
 """both as in generate_points.comp.glsl"""
-TEXELS_PER_TILE = 2
-"""of a part as well"""
 WORTHWHILE_SHARE_KEPT = 0.8
 """Kept points are in the order in which invocations finished, which costs the maps' locality: replaying 95 % of them took 18 % longer."""
 MAX_CUTS = 6
 """A part that touches the light asks for any number of points; six cuts into 8 x 8 make enough."""
 BYTES_PER_POINT = 16
-FIRST_TILE_CAPACITY = 1 << 15
-FIRST_PART_CAPACITY = 1 << 13
 
 
 def hull_box(hull_fs: np.ndarray, bounds: np.ndarray) -> np.ndarray:
@@ -85,9 +82,13 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         samples_m: np.ndarray,
         settings: Settings,
         storage: PointStorage,
+        shared: SharedByFaces,
     ) -> None:
         super().__init__(scene_data, fitted, face_table, culled)
-        self.settings, self.storage = settings, storage
+        self.settings, self.storage, self.shared = settings, storage, shared
+        scratch = shared.point_scratch
+        self.capacity_limit = shared.budget_bytes // BYTES_PER_POINT
+        self.counters, self.tiles, self.parts = scratch.counters, scratch.tiles, scratch.parts
         seen_space = seen_space_bindings(fitted.views, light, samples_m)
         bounds = window_bounds(fitted.views)
         self.sampling_bindings = {
@@ -98,14 +99,16 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
             "window_bounds": bounds,
         }
         self.sampling_flags = ["WATERTIGHT"] * settings.watertight + ["STOCHASTIC_CULLING"] * settings.stochastic_culling
+        self.sampling_flags += self.projection_flags
         self.splat_flags = ["NEAR_SURFACES"] * (fitted.nearest_caster_m < fitted.views.light_diameter_m)
-        self.splat_flags += ["FRONT_FACE"] * fitted.views.is_planar
+        self.splat_flags += ["FRONT_FACE"] * fitted.views.is_planar + self.projection_flags
         self.culled_triangle_count = 0
         self.point_count = 0
         self.tile_count = 0
         self.buffered_point_count = 0
         self.kept_point_count = 0
         self._portions: list[_Portion] = []
+        self._has_points = self._was_dropped = False
         self._cleanup = contextlib.ExitStack()
 
     def _owned(self, resource: Resource) -> Resource:
@@ -117,13 +120,25 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
 
     def _prepare(self) -> None:
         self.work = self._owned(self.scene_data.work_table(self.fitted.caster_indices, ~self.culled))
-        self.counters = self._owned(self.device.create_texture(4, 1, TextureFormat.R32UI))
-        self.tiles = self._owned(LinearStore(self.device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY))
-        self.parts = self._owned(LinearStore(self.device, TEXELS_PER_TILE * FIRST_PART_CAPACITY))
         if self.storage is PointStorage.BUFFERED:
-            self.capacity_limit = self.settings.point_buffer_mib * (1 << 20) // BYTES_PER_POINT
-            self.points = self._owned(LinearStore(self.device, min(self.capacity_limit, max(1 << 18, 4 * self.work.triangle_count))))
-            self._portions = self._plan_portions()
+            self._make_points()
+
+    def _make_points(self) -> None:
+        self.points = LinearStore(self.device, min(self.capacity_limit, max(1 << 18, 4 * self.work.triangle_count)))
+        self._has_points = True
+        self.portion_count = 1
+        self._portions = self._plan_portions()
+        self.shared.touch(self)
+
+    @property
+    def held_bytes(self) -> int:
+        return BYTES_PER_POINT * self.points.texel_count
+
+    def drop(self) -> None:
+        """Give the buffer's memory back; `fill` makes the points again."""
+        self.points.release()
+        self._has_points, self._was_dropped = False, True
+        self.kept_point_count = 0
 
     # buffered
 
@@ -234,7 +249,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         return False
 
     def _flags_of(self, declaration: ComputeDeclaration) -> list[str]:
-        return self.sampling_flags + self.splat_flags if "depth_maps" in declaration.images else self.sampling_flags
+        return sorted({*self.sampling_flags, *(self.splat_flags if "depth_maps" in declaration.images else ())})
 
     def _run_tiles(self, declaration: ComputeDeclaration, first_tile: int, tile_count: int, **outputs: Any) -> None:
         self.device.compute_kernel(declaration, *self._flags_of(declaration)).dispatch_linear(
@@ -255,6 +270,11 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
     def _fill(self, maps: DepthMaps, selected: range) -> None:
         self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
         outputs = {"depth_maps": maps.texture, "views": self.views_table(selected), "view_count": len(selected)}
+        if self.storage is PointStorage.BUFFERED:
+            if self._has_points:
+                self.shared.touch(self)
+            else:
+                self._make_points()
         if self.storage is PointStorage.BUFFERLESS:
             self._run_triangles(SPLAT_TRIANGLES, 0, self.work.group_count, **outputs)
             self._run_tiles(SPLAT_TILES, 0, self.tile_count, **outputs)
@@ -278,13 +298,15 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
             self.settings.cull_hidden_points
             and self.kept_point_count == 0
             and self.portion_count == 1
+            # points that are made again for every batch would be searched every time
+            and not self._was_dropped
             and len(selected) == MAX_BATCH_VIEWS < self.fitted.views.view_count
         )
 
     def _keep_seen_points(self, maps: DepthMaps, selected: range) -> None:
         kept = LinearStore(self.device, self.buffered_point_count)
         self.device.fill(self.counters, 0)
-        self.device.compute_kernel(KEEP_SEEN_POINTS).dispatch_linear(
+        self.device.compute_kernel(KEEP_SEEN_POINTS, *self.projection_flags).dispatch_linear(
             self.buffered_point_count,
             points=self.points.texture,
             depth_maps=maps.texture,
@@ -307,4 +329,7 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         return {"point_count": self.point_count, "kept_point_count": self.kept_point_count}
 
     def release(self) -> None:
+        self.shared.forget(self)
+        if self._has_points:
+            self.drop()
         self._cleanup.close()

@@ -26,6 +26,7 @@ from ..settings import Settings
 from .base import DepthMapMethod
 from .linear_store import LinearStore
 from .seen_space import seen_space_bindings
+from .shared import SharedByFaces
 
 TEXELS_PER_TRIANGLE = 3
 BYTES_PER_TRIANGLE = 48
@@ -53,6 +54,10 @@ class _LargeTriangles:
     count: np.ndarray
     """(n,) int64: how many each has"""
 
+    @property
+    def triangle_count(self) -> int:
+        return self.mesh.triangle_count
+
     def draws(self, seen: np.ndarray, culled: np.ndarray) -> Iterator[Draw]:
         """seen, culled: (instance_count,) bool, which instances to draw and which without back faces. Neighbours share a draw."""
         chosen = seen[self.instances]
@@ -74,18 +79,20 @@ class MicroTriangleRasterization(DepthMapMethod):
         light: Light,
         samples_m: np.ndarray,
         settings: Settings,
+        shared: SharedByFaces,
     ) -> None:
         super().__init__(scene_data, fitted, face_table, culled)
-        self.settings = settings
+        self.settings, self.shared = settings, shared
         self.seen_space = seen_space_bindings(fitted.views, light, samples_m)
-        self.flags = ["FRONT_FACE"] * fitted.views.is_planar
+        self.flags = ["FRONT_FACE"] * fitted.views.is_planar + self.projection_flags
         self.small_count = 0
         self.large_count = 0
         self.kept_count = 0
         self._large: list[_LargeTriangles] = []
         self._portions: list[_Portion] = []
         self._gathered: _Portion | None = None
-        self._has_culled_hidden = False
+        self._has_lists = self._has_culled_hidden = False
+        self.capacity_limit = max(shared.budget_bytes // BYTES_PER_TRIANGLE, FIRST_CAPACITY)
         self._cleanup = contextlib.ExitStack()
 
     def prepare(self) -> None:
@@ -96,15 +103,32 @@ class MicroTriangleRasterization(DepthMapMethod):
         self.counters = self.device.create_texture(2, 1, TextureFormat.R32UI)
         # stands for the maps where a kernel does not look at them
         self.no_maps = DepthMaps(self.device, 1, 1, 1)
-        limit = self.settings.point_buffer_mib * (1 << 20) // BYTES_PER_TRIANGLE
-        self.capacity_limit = max(limit, FIRST_CAPACITY)
+        for resource in (self.work, self.counters, self.no_maps):
+            self._cleanup.callback(resource.release)
+        self._make_lists()
+
+    def _make_lists(self) -> None:
         expected = max(min(self._expected_triangle_count, self.capacity_limit), FIRST_CAPACITY)
         self.triangles = LinearStore(self.device, TEXELS_PER_TRIANGLE * expected)
-        for resource in (self.work, self.counters, self.no_maps, self.triangles):
-            self._cleanup.callback(resource.release)
+        self._has_lists = True
         self._plan_portions()
         self.small_count = sum(portion.small_count for portion in self._portions)
+        self.large_count = sum(large.triangle_count for large in self._large)
         self.portion_count = len(self._portions)
+        self.shared.touch(self)
+
+    @property
+    def held_bytes(self) -> int:
+        return BYTES_PER_TRIANGLE * (self._capacity + sum(large.triangle_count for large in self._large))
+
+    def drop(self) -> None:
+        """Give the lists' memory back; `fill` makes them again."""
+        self.triangles.release()
+        for large in self._large:
+            large.mesh.release()
+        self._has_lists = self._has_culled_hidden = False
+        self._gathered = None
+        self._portions, self._large = [], []
 
     @property
     def _expected_triangle_count(self) -> int:
@@ -164,24 +188,15 @@ class MicroTriangleRasterization(DepthMapMethod):
 
     def _upload_large(self, count: int) -> None:
         texel_count = TEXELS_PER_TRIANGLE * count
-        part = LinearStore(self.device, texel_count)
-        self.device.compute_kernel(COPY_TEXELS).dispatch_linear(
-            texel_count,
-            original=self.triangles.texture,
-            copied=part.texture,
-            first_texel=TEXELS_PER_TRIANGLE * self._capacity - texel_count,
-            texel_count=texel_count,
-        )
+        part = self._copied(TEXELS_PER_TRIANGLE * self._capacity - texel_count, texel_count)
         triangles = self.device.read(part.texture).reshape(-1, 4)[:texel_count].reshape(count, 3, 4)
         part.release()
         instance = triangles[:, 0, 3].astype(np.int64)
         order = np.argsort(instance, kind="stable")
         corners = triangles[order][:, :, :3].reshape(-1, 3)
         mesh = self.device.upload_mesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
-        self._cleanup.callback(mesh.release)
         instances, first = np.unique(instance[order], return_index=True)
         self._large.append(_LargeTriangles(mesh, instances, first, np.diff(first, append=count)))
-        self.large_count += count
 
     # batches
 
@@ -189,6 +204,10 @@ class MicroTriangleRasterization(DepthMapMethod):
         self.device.run(self._fill, maps, selected)
 
     def _fill(self, maps: DepthMaps, selected: range) -> None:
+        if self._has_lists:
+            self.shared.touch(self)
+        else:
+            self._make_lists()
         self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
         views = self.views_table(selected)
         # the rasterizer first: it knows only its own depths, while the kernel keeps the smaller one of what is there
@@ -213,7 +232,7 @@ class MicroTriangleRasterization(DepthMapMethod):
             self._cull_hidden(maps, selected)
 
     def _rasterize_large(self, maps: DepthMaps, selected: range) -> None:
-        kernel = self.device.raster_kernel(RASTERIZE_DEPTH, "PLACED")
+        kernel = self.device.raster_kernel(RASTERIZE_DEPTH, "PLACED", *self.projection_flags)
         self.device.fill(maps.target.depth, 0)
         views = self.views_table(selected)
         width, height = self.fitted.views.map_width_px, self.fitted.views.map_height_px
@@ -241,9 +260,22 @@ class MicroTriangleRasterization(DepthMapMethod):
         self._gathered = None
         # several portions would have to look at these maps again, which the next batch overwrites
         if small_count <= self.capacity_limit:
+            self._shrink_list(small_count)
             self._gathered = _Portion(0, self.work.group_count, small_count)
             self._portions = [self._gathered]
             self.kept_count = small_count
+
+    def _shrink_list(self, small_count: int) -> None:
+        """Other faces may need the memory of what is no longer in it."""
+        texel_count = max(TEXELS_PER_TRIANGLE * small_count, 1)
+        self.triangles.replace_by(self._copied(0, texel_count))
+
+    def _copied(self, first_texel: int, texel_count: int) -> LinearStore:
+        part = LinearStore(self.device, texel_count)
+        self.device.compute_kernel(COPY_TEXELS).dispatch_linear(
+            texel_count, original=self.triangles.texture, copied=part.texture, first_texel=first_texel, texel_count=texel_count
+        )
+        return part
 
     def counts(self) -> dict[str, int]:
         return {
@@ -253,4 +285,7 @@ class MicroTriangleRasterization(DepthMapMethod):
         }
 
     def release(self) -> None:
+        self.shared.forget(self)
+        if self._has_lists:
+            self.drop()
         self._cleanup.close()

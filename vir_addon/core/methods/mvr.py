@@ -16,7 +16,7 @@ class MultiviewRasterization(DepthMapMethod):
         self.device.run(self._fill, maps, selected)
 
     def _fill(self, maps: DepthMaps, selected: range) -> None:
-        kernel = self.device.raster_kernel(RASTERIZE_DEPTH)
+        kernel = self.device.raster_kernel(RASTERIZE_DEPTH, *self.projection_flags)
         target = maps.target
         self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
         self.device.fill(target.depth, 0)

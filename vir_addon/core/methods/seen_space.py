@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from ..fit import light_hull
+from ..fit import box_corners, light_hull
 from ..scene import Light
 from ..views import FaceViews
 
 
 def window_bounds(views: FaceViews) -> np.ndarray:
-    """(4,) float64 tangents left, right, bottom, top around the windows of all views."""
+    """(4,) float64 tangents (of suns, metres) left, right, bottom, top around the windows of all views."""
     windows = _windows(views)
     return np.array([windows[:, 0].min(), windows[:, 1].max(), windows[:, 2].min(), windows[:, 3].max()])
 
@@ -29,11 +29,16 @@ def seen_space_planes(views: FaceViews) -> np.ndarray:
     """
     windows = _windows(views)
     centers = views.centers_fs
+    # a window's side is at centre + slope * (z - centre's z), for suns at centre + shear * z + side
+    shears = views.samples_m if views.is_orthographic else None
     near, far = centers[:, 2].min() + views.near_m, centers[:, 2].max() + views.far_m
     planes = np.zeros((6, 4))
     for side in range(4):
         axis, sign = side // 2, 1 - 2 * (side % 2)
-        ends = [(sign * (centers[:, axis] + windows[:, side] * (z - centers[:, 2]))).min() for z in (near, far)]
+        ends = []
+        for z in (near, far):
+            aside = windows[:, side] * (z - centers[:, 2]) if shears is None else shears[:, axis] * z + windows[:, side]
+            ends.append((sign * (centers[:, axis] + aside)).min())
         slope = (ends[1] - ends[0]) / (far - near)
         planes[side, axis] = sign
         planes[side, 2:] = -slope, ends[0] - slope * near
@@ -43,5 +48,8 @@ def seen_space_planes(views: FaceViews) -> np.ndarray:
 
 def seen_space_bindings(views: FaceViews, light: Light, samples_m: np.ndarray) -> dict[str, Any]:
     """What kernels with `SEEN_SPACE_TABLES` and `SEEN_SPACE_CONSTANTS` are bound to."""
-    hull_fs = (light_hull(light, samples_m) - light.world_from_light[:3, 3]) @ views.face.face_from_world.T
+    if views.is_orthographic:
+        hull_fs = box_corners(samples_m)
+    else:
+        hull_fs = (light_hull(light, samples_m) - views.origin_ws) @ views.face.face_from_world.T
     return {"hull": np.pad(hull_fs, ((0, 0), (0, 1))), "hull_count": len(hull_fs), "seen_space": seen_space_planes(views)}

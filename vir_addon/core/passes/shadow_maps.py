@@ -28,11 +28,14 @@ FACE_TABLE = Table(
     "light_from_world, right and up of a spot's cone",
 )
 VIEWS_TABLE = Table(
-    2 * MAX_BATCH_VIEWS, "two rows a view: centre (face space), -; window's place on the lattice, centre in the light's plane"
+    2 * MAX_BATCH_VIEWS,
+    "two rows a view: centre (face space), -; window's place on the lattice, centre in the light's plane (suns: shear)",
 )
-SAMPLES_TABLE = Table(MAX_BATCH_VIEWS, "light samples (light space) and what each counts")
+SAMPLES_TABLE = Table(MAX_BATCH_VIEWS, "light samples (light space; suns: unit directions of rays) and what each counts")
 VIEW_COUNT = Constant("int", "views in this batch")
 DEPTH_MAPS_ATOMIC = Stored("R32UI", "atomic", "depth maps of the batch")
+
+ORTHOGRAPHIC_FLAG = {"ORTHOGRAPHIC": "views of a sun: parallel, sheared by its directions"}
 
 RASTERIZE_DEPTH = RasterDeclaration(
     name="depth_map",
@@ -47,12 +50,13 @@ RASTERIZE_DEPTH = RasterDeclaration(
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
     output_name="depth_bits",
     output_type="uint",
-    flags={"PLACED": "the vertices are in face space already"},
+    flags={**ORTHOGRAPHIC_FLAG, "PLACED": "the vertices are in face space already"},
     defines=SCENE_DEFINES,
 )
 
 FRONT_FACE = "all views lie in the plane that the face looks away from"
 SPLAT_FLAGS = {
+    **ORTHOGRAPHIC_FLAG,
     "NEAR_SURFACES": "something casts from nearer than the light's diameter: points there cover several texels",
     "FRONT_FACE": FRONT_FACE,
 }
@@ -86,10 +90,11 @@ KEEP_SEEN_POINTS = ComputeDeclaration(
     images={"kept_points": Stored("RGBA32F", "write", "position (face space) and packed normal"), "counters": COUNTERS},
     constants={"view_count": VIEW_COUNT, "point_count": Constant("int", "points in the buffer")},
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
+    flags=ORTHOGRAPHIC_FLAG,
 )
 
 SEEN_SPACE_TABLES = {
-    "hull": Table(MAX_HULL_CORNERS, "corners of the convex hull of all view centres (face space)"),
+    "hull": Table(MAX_HULL_CORNERS, "corners of a box around all view centres (face space); of suns, around their directions"),
     "seen_space": Table(6, "planes around everything that any view sees: dot(xyz, p) >= w inside"),
 }
 SEEN_SPACE_CONSTANTS = {"hull_count": Constant("int", "corners of the hull")}
@@ -105,6 +110,7 @@ SAMPLING_CONSTANTS = {
     "window_bounds": Constant("vec4", "tangents left, right, bottom, top around all windows"),
 }
 SAMPLING_FLAGS = {
+    **ORTHOGRAPHIC_FLAG,
     "WATERTIGHT": "point spacing that leaves no texel empty instead of the published density",
     "STOCHASTIC_CULLING": "cull triangles below a tenth of a texel with probability 1 - 10 A",
 }
@@ -178,7 +184,8 @@ SPLAT_TRIANGLES = _generate("splat_triangles", "points of small triangles into t
 SPLAT_TILES = _generate("splat_tiles", "points of large triangles into the maps", "FROM_TILES", "INTO_MAPS")
 
 GATHERED_TRIANGLES_TEXT = (
-    "three texels a triangle, its corners in face space, with FRONT_FACE those of small ones as x/z and y/z in texels and 1/z; w: instance"
+    "three texels a triangle, its corners in face space, those of small ones with FRONT_FACE as x/z and y/z in texels and 1/z, "
+    "with ORTHOGRAPHIC as x and y in texels and z; w: instance"
 )
 SMALL_EXTENT_TEXELS = 11.0
 """Edge functions of corners in 256ths of a texel stay below 2^24, which float32 holds exactly."""
@@ -204,7 +211,7 @@ GATHER_TRIANGLES = ComputeDeclaration(
         "triangle_capacity": Constant("int", "triangles that the list holds"),
     },
     tables={**SEEN_SPACE_TABLES, "face": FACE_TABLE, "views": VIEWS_TABLE},
-    flags={"FRONT_FACE": FRONT_FACE, "SEEN_ONLY": "only small triangles that a batch of views is near to seeing"},
+    flags={**ORTHOGRAPHIC_FLAG, "FRONT_FACE": FRONT_FACE, "SEEN_ONLY": "only small triangles that a batch of views is near to seeing"},
     defines={**SCENE_DEFINES, "SMALL_EXTENT_TEXELS": SMALL_EXTENT_TEXELS},
 )
 
@@ -226,7 +233,7 @@ RASTERIZE_SMALL_TRIANGLES = ComputeDeclaration(
     images={"depth_maps": DEPTH_MAPS_ATOMIC},
     constants={"view_count": VIEW_COUNT, "triangle_count": Constant("int", "small triangles in the list")},
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
-    flags={"FRONT_FACE": FRONT_FACE},
+    flags={**ORTHOGRAPHIC_FLAG, "FRONT_FACE": FRONT_FACE},
 )
 
 RESOLVE = ComputeDeclaration(
@@ -257,6 +264,7 @@ RESOLVE = ComputeDeclaration(
     },
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE, "samples": SAMPLES_TABLE},
     flags={
+        **ORTHOGRAPHIC_FLAG,
         "OMNI": "the light shines from its centre to all sides, not from a plane",
         "SPHERE": "with OMNI: from a sphere around its centre",
         "CONE": "with OMNI: into a spot's cone only",
@@ -274,11 +282,10 @@ def face_table(views: FaceViews, light: Light, reference_m: float | None = None)
     reference_m: the distance at which the light delivers 1. A pixel sums over all faces, so they must share it; by default, for
     making maps only, the face's own far_m.
     """
-    position = light.world_from_light[:3, 3]
     table = np.zeros((FACE_TABLE.length, 4))
     for row, rotation in ((0, views.face.face_from_world), (8, light_axes(light))):
         table[row : row + 3, :3] = rotation
-        table[row : row + 3, 3] = -rotation @ position
+        table[row : row + 3, 3] = -rotation @ views.origin_ws
     table[3] = *views.texel_tangent, views.map_width_px, views.map_height_px
     table[4] = views.near_m, views.far_m, (reference_m or views.far_m) ** 2, views.light_diameter_m
     table[5, :3] = views.face.face_from_world @ light_axes(light)[2]
@@ -295,7 +302,11 @@ def face_table(views: FaceViews, light: Light, reference_m: float | None = None)
 def samples_table(views: FaceViews, weights: np.ndarray, selected: range) -> np.ndarray:
     """(len(selected), 4) rows of SAMPLES_TABLE. weights: (view_count,)"""
     part = slice(selected.start, selected.stop)
-    return np.column_stack([views.samples_m[part], weights[part]])
+    samples = views.samples_m[part]
+    if views.is_orthographic:
+        samples = np.add(samples, (0, 0, 1))
+        samples = samples / np.linalg.norm(samples, axis=1, keepdims=True)
+    return np.column_stack([samples, weights[part]])
 
 
 def views_table(views: FaceViews, selected: range) -> np.ndarray:

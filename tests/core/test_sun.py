@@ -1,0 +1,142 @@
+"""Shadows of suns: closed forms, float64 rays, and what must not change them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tests.ray_tracing import nearest_blocker, surfaces_at, world_triangles
+from tests.scenes import (
+    METHODS,
+    box,
+    bumpy_sphere,
+    camera_from_above,
+    floor,
+    perspective_camera,
+    prepared_renderer,
+    rectangle,
+    render_pass,
+    rmse,
+    snapshot,
+    sun_light,
+)
+from vir_addon.core.settings import Method, PointStorage
+
+WIDTH, HEIGHT = 96, 12
+EDGE_HEIGHT_M = 1.0
+
+
+def half_plane(light, width_m, centre=(0.0, 0.0)):
+    """A half plane x < 0 over a floor seen from above; the sun shines along x = 0 unless it is turned."""
+    occluder = rectangle("half plane", (-8, -8, EDGE_HEIGHT_M), (8, 0, 0), (0, 16, 0))
+    return snapshot(
+        [floor(), occluder], [light], camera_from_above(centre, width_m, WIDTH, HEIGHT), WIDTH, HEIGHT, visible_to_camera=[True, False]
+    )
+
+
+def row_x(width_m):
+    return (np.arange(WIDTH) + 0.5) / WIDTH * width_m - width_m / 2
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("angle_rad", [0.1, 0.8])
+def test_penumbra_of_a_straight_edge(device, method, angle_rad):
+    """2 d tan(angle / 2) wide; in between, the share of the disc of directions beyond the edge, by the floor's cosine."""
+    reach_m = EDGE_HEIGHT_M * np.tan(angle_rad / 2)
+    x = row_x(3 * reach_m)
+    image = render_pass(
+        half_plane(sun_light(angle_rad=angle_rad), 3 * reach_m), device, method=method, view_count=256, map_resolution_px=256
+    )
+    # irradiance is an integral over the disc of sines, whose share on one side of a chord is known
+    edge = np.clip(np.sin(np.arctan(x / EDGE_HEIGHT_M)) / np.sin(angle_rad / 2), -1, 1)
+    if angle_rad < 0.2:
+        truth = 0.5 + (edge * np.sqrt(1 - edge**2) + np.arcsin(edge)) / np.pi
+        assert rmse(image[HEIGHT // 2], truth) <= 0.01
+        assert np.abs(image - truth).max() <= 0.04
+    dark, lit = x < -reach_m * 1.02, x > reach_m * 1.02
+    assert dark.any() and (image[:, dark] == 0).all() and (image[:, lit] == 1).all()
+    between = np.abs(x) < 0.85 * reach_m
+    assert ((image[:, between] > 0) & (image[:, between] < 1)).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_hard_sun(device, method):
+    light = sun_light(eye=(1.0, 0.0, 2.0), angle_rad=0.0)
+    image = render_pass(half_plane(light, 2.0), device, method=method, map_resolution_px=512)
+    np.testing.assert_array_equal(image, np.broadcast_to(row_x(2.0) > -0.5 * EDGE_HEIGHT_M, image.shape))
+
+
+def still_life(light, width=40, height=24):
+    meshes = [
+        floor(3.0),
+        box("box", (-0.9, 0.3, 0.5), (0.4, 0.5, 0.5), turn_rad=0.4),
+        bumpy_sphere("ball", (0.8, 0.0, 0.8), 0.6, 8, smooth=False),
+        rectangle("leaf", (-0.2, -1.2, 0.7), (0.7, 0.1, 0.3), (0.0, 0.6, 0.2)),
+        rectangle("cloud far towards the sun", (35.0, -42.0, 60.0), (4.0, 0.0, 0.0), (0.0, 4.0, 0.0)),
+    ]
+    camera = perspective_camera((0.5, -6.0, 3.5), (0.0, 0.0, 0.5), width, height)
+    return snapshot(meshes, [light], camera, width, height)
+
+
+def traced(scene, samples_m, positions):
+    """(n,) the pass at the surfaces of a G-buffer, and (n, 2) their pixels"""
+    triangles = world_triangles(scene)
+    surfaces = surfaces_at(positions, scene, triangles)
+    rotation = scene.lights[0].world_from_light[:3, :3]
+    rays = np.add(samples_m, (0, 0, 1)) @ (rotation * [1, 1, -1]).T
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    weight = np.maximum(-surfaces.shading @ rays.T, 0)
+    seen = np.zeros_like(weight)
+    for index, ray in enumerate(rays):
+        free = ~np.isfinite(nearest_blocker(surfaces.position, surfaces.position - 200 * ray, triangles.corners))
+        seen[:, index] = free & (surfaces.geometric @ ray < 0)
+    total = weight.sum(axis=1)
+    return np.where(total > 0, (weight * seen).sum(axis=1) / np.where(total > 0, total, 1), 0), surfaces.pixel
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("angle_rad", [0.0, 0.3])
+def test_against_rays(device, method, angle_rad):
+    scene = still_life(sun_light(eye=(3.0, -4.0, 5.0), angle_rad=angle_rad))
+    with prepared_renderer(scene, device, method=method, view_count=16, map_resolution_px=1024) as renderer:
+        for batch in range(renderer.plan.batch_count):
+            device.run(renderer.render_batch, batch)
+        image, (work,) = renderer.read_passes()["VIR Shadow Key"], renderer.works
+        truth, pixel = traced(scene, work.samples_m, device.run(device.read, renderer.eye.positions))
+    assert 0.2 < truth.mean() < 0.97 and truth.std() > 0.1
+    # one sample: a pixel is either right or wholly wrong
+    assert rmse(image[tuple(pixel.T)], truth) <= (0.06 if angle_rad == 0 else 0.02)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_where_the_sun_stands_does_not_matter(device, method):
+    light = sun_light(eye=(3.0, -4.0, 5.0))
+    elsewhere = light.world_from_light.copy()
+    elsewhere[:3, 3] = 1000.0, -20.0, -300.0
+    arguments = {"method": method, "view_count": 8, "map_resolution_px": 256}
+    moved = dataclasses.replace(light, world_from_light=elsewhere)
+    np.testing.assert_array_equal(render_pass(still_life(light), device, **arguments), render_pass(still_life(moved), device, **arguments))
+
+
+def test_points_as_they_come_make_the_same_picture(device):
+    scene = still_life(sun_light(eye=(3.0, -4.0, 5.0)))
+    arguments = {"method": Method.IVIR, "view_count": 8, "map_resolution_px": 256, "cull_hidden_points": False}
+    np.testing.assert_array_equal(
+        render_pass(scene, device, **arguments), render_pass(scene, device, points=PointStorage.BUFFERLESS, **arguments)
+    )
+
+
+def test_lattice_hangs_on_the_world(device):
+    """Texels of two pictures' maps are the same ones, however the camera looks: windows differ by whole texels of one ladder."""
+    texels, origins = [], []
+    for centre in ((0.0, 0.0), (0.37, 0.11)):
+        scene = half_plane(sun_light(eye=(1.0, 0.5, 2.0)), 2.0, centre)
+        with prepared_renderer(scene, device, method=Method.MVR, view_count=8, map_resolution_px=256) as renderer:
+            views = renderer.works[0].faces[0][0].views
+            texels.append(views.texel_tangent)
+            # where the map's corner is in the world, in texels: a whole number from one common place
+            origins.append(
+                (views.centers_fs[:, :2] - views.samples_m[:, :2] * (views.origin_ws @ views.face.face_from_world[2])) / texels[-1]
+            )
+    assert texels[0] == texels[1]
+    np.testing.assert_allclose(origins[0], origins[1], atol=1e-6)

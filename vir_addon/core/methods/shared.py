@@ -1,0 +1,68 @@
+"""What all faces of all lights share while a frame is rendered: the memory for what is replayed, and lists that live while it is made."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Protocol
+
+from ...device.interface import Device, TextureFormat
+from ..settings import Settings
+from .linear_store import LinearStore
+
+TEXELS_PER_TILE = 2
+"""of a part as well"""
+FIRST_TILE_CAPACITY = 1 << 15
+FIRST_PART_CAPACITY = 1 << 13
+
+
+class ReplayKeeper(Protocol):
+    """A face's method that keeps something on the device from batch to batch, and can make it again."""
+
+    @property
+    def held_bytes(self) -> int: ...
+
+    def drop(self) -> None:
+        """Give the memory back."""
+
+
+class PointScratch:
+    """Lists of `ivir` that live while points are made."""
+
+    def __init__(self, device: Device) -> None:
+        self.counters = device.create_texture(4, 1, TextureFormat.R32UI)
+        self.tiles = LinearStore(device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY)
+        self.parts = LinearStore(device, TEXELS_PER_TILE * FIRST_PART_CAPACITY)
+
+    def release(self) -> None:
+        for store in (self.counters, self.tiles, self.parts):
+            store.release()
+
+
+class SharedByFaces:
+    """`Settings.point_buffer_mib` is for all lights together. What does not fit beside what other faces keep pushes out what was used
+    last before it: faces take turns, so those used longest ago are needed next."""
+
+    def __init__(self, device: Device, settings: Settings) -> None:
+        self.device = device
+        self.budget_bytes = settings.point_buffer_mib << 20
+        self._keepers: list[ReplayKeeper] = []
+        """those that hold something, the one used last at the end"""
+
+    @cached_property
+    def point_scratch(self) -> PointScratch:
+        return PointScratch(self.device)
+
+    def touch(self, keeper: ReplayKeeper) -> None:
+        """Note that a face's memory is in use, and let go of that of others beyond the budget."""
+        self.forget(keeper)
+        self._keepers.append(keeper)
+        while len(self._keepers) > 1 and sum(each.held_bytes for each in self._keepers) > self.budget_bytes:
+            self._keepers.pop(-2).drop()
+
+    def forget(self, keeper: ReplayKeeper) -> None:
+        if keeper in self._keepers:
+            self._keepers.remove(keeper)
+
+    def release(self) -> None:
+        if "point_scratch" in self.__dict__:
+            self.point_scratch.release()
