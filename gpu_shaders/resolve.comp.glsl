@@ -11,9 +11,22 @@
 #define tan_half_spread (face[5].w)
 #define reference_squared_distance (face[4].z)  // keeps sums near 1 in scenes of any scale
 
-// The receiver's tangent plane is followed to the texel's centre, at most this many footprints: at grazing angles the
-// plane runs away along the ray while the surface does not.
-const float MAX_PLANE_SHIFT_FOOTPRINTS = 8.0;
+// What is stored deeper than the receiver by more does not hide it: beyond a silhouette the tangent plane runs away along the ray while
+// the surface ends.
+const float MAX_DEEPER_FOOTPRINTS = 8.0;
+// What stands nearer than the receiver by more is not the receiver, although the plane of one seen edge-on may pass before
+// it: there only what lies in the plane is.
+const float MAX_NEARER_FOOTPRINTS = 8.0;
+// What stands before the receiver by less may touch it within a texel: so steep are walls that are told from outlines.
+const float CONTACT_FOOTPRINTS = 16.0;
+const float COPLANAR_FOOTPRINTS = 1.0 / 64.0;  // several times what the rasterizer's snapping of corners to 1/256 texel moves a plane
+// How high above the tangent plane a stored point may lie and still be the receiver: curvature within a texel, as an angle, and ...
+const float BIAS_ANGLE = 1.0 / 48.0;
+#ifdef POINT_MAPS
+const float BIAS_FOOTPRINTS = 1.0 / 4.0;  // ... planes of facets that points carry past the facets' edges, half a texel
+#else
+const float BIAS_FOOTPRINTS = 1.0 / 12.0;  // ... facets of about a texel
+#endif
 
 float delivered(vec3 p, float squared_distance, vec3 shading_fs) {
     float receiver = -dot(shading_fs, p);
@@ -31,45 +44,74 @@ float delivered(vec3 p, float squared_distance, vec3 shading_fs) {
     return weight;
 }
 
+float stored_depth(ivec2 address) {
+    return uintBitsToFloat(texelFetch(depth_maps, address, 0).x);
+}
+
+// Whether what a texel stores leaves a receiver at depth z in sight. height: of the stored point above the receiver's tangent plane.
+bool leaves_in_sight(float depth, float height, float z, float footprint) {
+    float reach = MAX_NEARER_FOOTPRINTS * footprint;
+    float tolerance = BIAS_FOOTPRINTS * footprint + BIAS_ANGLE * min(abs(depth - z), reach);
+    bool is_plane = height <= tolerance && (depth >= z - reach || abs(height) <= COPLANAR_FOOTPRINTS * footprint);
+    return is_plane || depth >= z + MAX_DEEPER_FOOTPRINTS * footprint;
+}
+
 // 1 if the view sees the point, 0 if something is before it. p: from the view's centre, face space.
-// tolerance: in footprints, what the tangent plane does not explain.
-float visible_from(int k, vec3 p, vec3 normal_fs, float tolerance) {
+float visible_from(int k, vec3 p, vec3 normal_fs) {
     float facing = dot(normal_fs, p);
     if (facing >= 0.0) {
         return 0.0;  // the surface itself is in the way
     }
-    vec2 at = p.xy * (texels_per_tangent / p.z) - view_window(k);
-#ifdef POINT_MAPS
-    // A texel is covered if a point lies anywhere in it, which enlarges outlines by half a texel all around. Taking the deepest
-    // of the four texels around the look-up, as if it stood at their common corner, shrinks them by as much.
-    ivec2 texel = ivec2(floor(at - 0.5));
-    vec2 place = vec2(texel) + 1.0;
-    const int last = 1;
-#else
+    float inverse_depth = 1.0 / p.z;
+    vec2 at = p.xy * (texels_per_tangent * inverse_depth) - view_window(k);
     ivec2 texel = ivec2(floor(at));
-    vec2 place = vec2(texel) + 0.5;
-    const int last = 0;
-#endif
-    // outside every caster's outline, or so near that the light touches it
-    if (p.z <= near_m || any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel + last, map_size))) {
+    vec2 offset = at - vec2(texel) - 0.5;
+    // outside every caster's outline (windows have a margin), or so near that the light touches it
+    if (p.z <= near_m || any(lessThan(texel, ivec2(1))) || any(greaterThanEqual(texel, map_size - 1))) {
         return 1.0;
     }
+    // The normal's part along the ray through the texel's centre: times the stored depth, less that of the receiver, it is the
+    // stored point's height above the receiver's plane.
+    vec2 facing_step = normal_fs.xy * texel_tangent;
+    float ray_facing = facing * inverse_depth - dot(facing_step, offset);
     float footprint = p.z * footprint_share;
-    vec3 ray = vec3((place + view_window(k)) * texel_tangent, 1.0);
-    float ray_facing = dot(normal_fs, ray);
-    // a plane that turns away before that place has no depth there; the clamp then decides
-    float plane_depth = ray_facing < 0.0 ? facing / ray_facing : 3.0e38;
-    float reach = MAX_PLANE_SHIFT_FOOTPRINTS * footprint;
-    float receiver_depth = clamp(plane_depth, p.z - reach, p.z + reach);
     ivec2 address = texel + ivec2(0, view_first_row(k));
-    uint bits = texelFetch(depth_maps, address, 0).x;
+    float depth = stored_depth(address);
+    float height = depth * ray_facing - facing;
+    if (leaves_in_sight(depth, height, p.z, footprint)) {
+        return 1.0;
+    }
+    ivec2 toward = ivec2(offset.x > 0.0 ? 1 : -1, offset.y > 0.0 ? 1 : -1);
+    facing_step *= vec2(toward);
+    bool may_touch = depth > p.z - CONTACT_FOOTPRINTS * footprint;
 #ifdef POINT_MAPS
-    bits = max(bits, texelFetch(depth_maps, address + ivec2(1, 0), 0).x);
-    bits = max(bits, texelFetch(depth_maps, address + ivec2(0, 1), 0).x);
-    bits = max(bits, texelFetch(depth_maps, address + ivec2(1, 1), 0).x);
+    // A texel is covered if a point lies anywhere in it, which enlarges outlines by half a texel all around. Asking all
+    // four texels around the place shrinks them by as much.
+    float depth_x = stored_depth(address + ivec2(toward.x, 0));
+    float depth_y = stored_depth(address + ivec2(0, toward.y));
+    float depth_xy = stored_depth(address + toward);
+    bool at_outline = leaves_in_sight(depth_x, depth_x * (ray_facing + facing_step.x) - facing, p.z, footprint) ||
+                      leaves_in_sight(depth_y, depth_y * (ray_facing + facing_step.y) - facing, p.z, footprint) ||
+                      leaves_in_sight(depth_xy, depth_xy * (ray_facing + facing_step.x + facing_step.y) - facing, p.z, footprint);
+    if (!may_touch) {
+        return at_outline ? 1.0 : 0.0;
+    }
+#else
+    if (!may_touch) {
+        return 0.0;
+    }
 #endif
-    // 4e-7: the rounding of depth itself
-    return uintBitsToFloat(bits) >= receiver_depth - footprint * tolerance - 4.0e-7 * p.z ? 1.0 : 0.0;
+    // What is so near may touch the receiver within the texel, or be the receiver itself, curved. How it rises away from the point tells
+    // whether it has come down to the receiver's plane before it reaches the point.
+    vec2 away = vec2(stored_depth(address - ivec2(toward.x, 0)), stored_depth(address - ivec2(0, toward.y)));
+    vec2 rise = away * (ray_facing - facing_step) - facing - height;
+    rise *= vec2(lessThan(abs(away - depth), vec2(CONTACT_FOOTPRINTS * footprint)));  // beyond an outline is another surface
+    bool hidden = height > dot(abs(offset), rise);
+#ifdef POINT_MAPS
+    // only what comes down to the receiver between the texels touches it; other outlines are enlarged ones
+    hidden = hidden && (!at_outline || height < rise.x + rise.y);
+#endif
+    return hidden ? 0.0 : 1.0;
 }
 
 // Which face of the light's half cube a direction belongs to (light space: x, y in the light's plane, z along its axis).
@@ -100,10 +142,6 @@ void main() {
 #ifdef MANY_FACES
         vec3 p_ls = vec3(dot(face[8], vec4(position.xyz, 1.0)), dot(face[9], vec4(position.xyz, 1.0)), dot(face[10], vec4(position.xyz, 1.0)));
 #endif
-        // curvature and facets within a texel move depths by more the steeper the surface stands to the light
-        float facing = min(dot(normal_fs, p_fs), 0.0);
-        float slope = sqrt(max(dot(p_fs, p_fs) - facing * facing, 0.0)) / max(-facing, 1e-20);
-        float tolerance = BIAS_FOOTPRINTS + BIAS_SLOPE_FOOTPRINTS * min(slope, BIAS_MAX_SLOPE);
         for (int k = 0; k < view_count; k++) {
             vec3 p = p_fs - view_center(k);
             float squared_distance = dot(p, p);
@@ -123,7 +161,7 @@ void main() {
             float weight = delivered(p, squared_distance, shading_fs);
             if (weight > 0.0) {
                 // faces without casters have no map and are looked up together with the first that has one
-                sums += weight * vec2(in_map ? visible_from(k, p, normal_fs, tolerance) : float(dot(normal_fs, p) < 0.0), 1.0);
+                sums += weight * vec2(in_map ? visible_from(k, p, normal_fs) : float(dot(normal_fs, p) < 0.0), 1.0);
             }
         }
     }
