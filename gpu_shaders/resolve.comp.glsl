@@ -14,8 +14,8 @@
 // What is stored deeper than the receiver by more does not hide it: beyond a silhouette the tangent plane runs away along the ray while
 // the surface ends.
 const float MAX_DEEPER_FOOTPRINTS = 8.0;
-// What stands nearer than the receiver by more is not the receiver, although the plane of one seen edge-on may pass before
-// it: there only what lies in the plane is.
+// What stands nearer than the receiver by more is not the receiver, although the plane of one seen edge-on may pass before it: there
+// only what lies in the plane is.
 const float MAX_NEARER_FOOTPRINTS = 8.0;
 // What stands before the receiver by less may touch it within a texel: so steep are walls that are told from outlines.
 const float CONTACT_FOOTPRINTS = 16.0;
@@ -27,6 +27,7 @@ const float BIAS_FOOTPRINTS = 1.0 / 4.0;  // ... planes of facets that points ca
 #else
 const float BIAS_FOOTPRINTS = 1.0 / 12.0;  // ... facets of about a texel
 #endif
+const float DEPTH_ROUNDING = 4.0e-7;  // share of the depth that float32 does not tell apart after some operations
 
 float delivered(vec3 p, float squared_distance, vec3 shading_fs) {
     float receiver = -dot(shading_fs, p);
@@ -51,8 +52,9 @@ float stored_depth(ivec2 address) {
 // Whether what a texel stores leaves a receiver at depth z in sight. height: of the stored point above the receiver's tangent plane.
 bool leaves_in_sight(float depth, float height, float z, float footprint) {
     float reach = MAX_NEARER_FOOTPRINTS * footprint;
-    float tolerance = BIAS_FOOTPRINTS * footprint + BIAS_ANGLE * min(abs(depth - z), reach);
-    bool is_plane = height <= tolerance && (depth >= z - reach || abs(height) <= COPLANAR_FOOTPRINTS * footprint);
+    float rounding = DEPTH_ROUNDING * z;
+    float tolerance = BIAS_FOOTPRINTS * footprint + BIAS_ANGLE * min(abs(depth - z), reach) + rounding;
+    bool is_plane = height <= tolerance && (depth >= z - reach || abs(height) <= COPLANAR_FOOTPRINTS * footprint + rounding);
     return is_plane || depth >= z + MAX_DEEPER_FOOTPRINTS * footprint;
 }
 
@@ -105,7 +107,8 @@ float visible_from(int k, vec3 p, vec3 normal_fs) {
     // whether it has come down to the receiver's plane before it reaches the point.
     vec2 away = vec2(stored_depth(address - ivec2(toward.x, 0)), stored_depth(address - ivec2(0, toward.y)));
     vec2 rise = away * (ray_facing - facing_step) - facing - height;
-    rise *= vec2(lessThan(abs(away - depth), vec2(CONTACT_FOOTPRINTS * footprint)));  // beyond an outline is another surface
+    // beyond an outline is another surface, or nothing at an infinite height
+    rise = mix(vec2(0.0), rise, lessThan(abs(away - depth), vec2(CONTACT_FOOTPRINTS * footprint)));
     bool hidden = height > dot(abs(offset), rise);
 #ifdef POINT_MAPS
     // only what comes down to the receiver between the texels touches it; other outlines are enlarged ones
