@@ -58,63 +58,92 @@ bool leaves_in_sight(float depth, float height, float z, float footprint) {
     return is_plane || depth >= z + MAX_DEEPER_FOOTPRINTS * footprint;
 }
 
-// 1 if the view sees the point, 0 if something is before it. p: from the view's centre, face space.
-float visible_from(int k, vec3 p, vec3 normal_fs) {
-    float facing = dot(normal_fs, p);
-    if (facing >= 0.0) {
-        return 0.0;  // the surface itself is in the way
-    }
-    float inverse_depth = 1.0 / p.z;
-    vec2 at = p.xy * (texels_per_tangent * inverse_depth) - view_window(k);
+const int SEEN = 0;
+const int HIDDEN = 1;
+const int UNDECIDED = 2;  // takes a look at the neighbouring texels
+
+struct LookUp {
+    ivec2 address;
+    vec2 offset;       // of the point from the texel's centre, texels
+    vec2 facing_step;  // by which ray_facing grows from texel to texel
+    float ray_facing;  // the normal's part along the ray through the texel's centre
+    float facing;      // the same along p: height = depth * ray_facing - facing
+    float footprint;
+    float depth;
+    float height;
+};
+
+// Of a point that lies in the view's map. p: from the view's centre, face space.
+LookUp look_up(int k, vec3 p, vec3 normal_fs, vec2 at) {
+    LookUp own;
     ivec2 texel = ivec2(floor(at));
-    vec2 offset = at - vec2(texel) - 0.5;
+    own.address = texel + ivec2(0, view_first_row(k));
+    own.offset = at - vec2(texel) - 0.5;
+    own.facing = dot(normal_fs, p);
+    own.facing_step = normal_fs.xy * texel_tangent;
+    own.ray_facing = own.facing * (1.0 / p.z) - dot(own.facing_step, own.offset);
+    own.footprint = p.z * footprint_share;
+    own.depth = stored_depth(own.address);
+    own.height = own.depth * own.ray_facing - own.facing;
+    return own;
+}
+
+vec2 map_place(int k, vec3 p) {
+    return p.xy * texels_per_tangent * (1.0 / p.z) - view_window(k);
+}
+
+// What the point's own texel says. p: from the view's centre, face space.
+int sight(int k, vec3 p, vec3 normal_fs) {
+    if (dot(normal_fs, p) >= 0.0) {
+        return HIDDEN;  // the surface itself is in the way
+    }
+    vec2 at = map_place(k, p);
     // outside every caster's outline (windows have a margin), or so near that the light touches it
-    if (p.z <= near_m || any(lessThan(texel, ivec2(1))) || any(greaterThanEqual(texel, map_size - 1))) {
-        return 1.0;
+    if (p.z <= near_m || any(lessThan(at, vec2(1.0))) || any(greaterThanEqual(at, vec2(map_size - 1)))) {
+        return SEEN;
     }
-    // The normal's part along the ray through the texel's centre: times the stored depth, less that of the receiver, it is the
-    // stored point's height above the receiver's plane.
-    vec2 facing_step = normal_fs.xy * texel_tangent;
-    float ray_facing = facing * inverse_depth - dot(facing_step, offset);
-    float footprint = p.z * footprint_share;
-    ivec2 address = texel + ivec2(0, view_first_row(k));
-    float depth = stored_depth(address);
-    float height = depth * ray_facing - facing;
-    if (leaves_in_sight(depth, height, p.z, footprint)) {
-        return 1.0;
+    LookUp own = look_up(k, p, normal_fs, at);
+    if (leaves_in_sight(own.depth, own.height, p.z, own.footprint)) {
+        return SEEN;
     }
-    ivec2 toward = ivec2(offset.x > 0.0 ? 1 : -1, offset.y > 0.0 ? 1 : -1);
-    facing_step *= vec2(toward);
-    bool may_touch = depth > p.z - CONTACT_FOOTPRINTS * footprint;
+#ifdef POINT_MAPS
+    return UNDECIDED;
+#else
+    return own.depth > p.z - CONTACT_FOOTPRINTS * own.footprint ? UNDECIDED : HIDDEN;
+#endif
+}
+
+// Whether a point is seen that its own texel left undecided.
+bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs) {
+    LookUp own = look_up(k, p, normal_fs, map_place(k, p));
+    ivec2 toward = ivec2(own.offset.x > 0.0 ? 1 : -1, own.offset.y > 0.0 ? 1 : -1);
+    vec2 facing_step = own.facing_step * vec2(toward);
+    float contact = CONTACT_FOOTPRINTS * own.footprint;
 #ifdef POINT_MAPS
     // A texel is covered if a point lies anywhere in it, which enlarges outlines by half a texel all around. Asking all
     // four texels around the place shrinks them by as much.
-    float depth_x = stored_depth(address + ivec2(toward.x, 0));
-    float depth_y = stored_depth(address + ivec2(0, toward.y));
-    float depth_xy = stored_depth(address + toward);
-    bool at_outline = leaves_in_sight(depth_x, depth_x * (ray_facing + facing_step.x) - facing, p.z, footprint) ||
-                      leaves_in_sight(depth_y, depth_y * (ray_facing + facing_step.y) - facing, p.z, footprint) ||
-                      leaves_in_sight(depth_xy, depth_xy * (ray_facing + facing_step.x + facing_step.y) - facing, p.z, footprint);
-    if (!may_touch) {
-        return at_outline ? 1.0 : 0.0;
-    }
-#else
-    if (!may_touch) {
-        return 0.0;
+    float depth_x = stored_depth(own.address + ivec2(toward.x, 0));
+    float depth_y = stored_depth(own.address + ivec2(0, toward.y));
+    float depth_xy = stored_depth(own.address + toward);
+    vec3 heights = vec3(depth_x, depth_y, depth_xy) * (own.ray_facing + vec3(facing_step, facing_step.x + facing_step.y)) - own.facing;
+    bool at_outline = leaves_in_sight(depth_x, heights.x, p.z, own.footprint) || leaves_in_sight(depth_y, heights.y, p.z, own.footprint) ||
+                      leaves_in_sight(depth_xy, heights.z, p.z, own.footprint);
+    if (own.depth <= p.z - contact) {
+        return at_outline;
     }
 #endif
     // What is so near may touch the receiver within the texel, or be the receiver itself, curved. How it rises away from the point tells
     // whether it has come down to the receiver's plane before it reaches the point.
-    vec2 away = vec2(stored_depth(address - ivec2(toward.x, 0)), stored_depth(address - ivec2(0, toward.y)));
-    vec2 rise = away * (ray_facing - facing_step) - facing - height;
+    vec2 away = vec2(stored_depth(own.address - ivec2(toward.x, 0)), stored_depth(own.address - ivec2(0, toward.y)));
+    vec2 rise = away * (own.ray_facing - facing_step) - own.facing - own.height;
     // beyond an outline is another surface, or nothing at an infinite height
-    rise = mix(vec2(0.0), rise, lessThan(abs(away - depth), vec2(CONTACT_FOOTPRINTS * footprint)));
-    bool hidden = height > dot(abs(offset), rise);
+    rise = mix(vec2(0.0), rise, lessThan(abs(away - own.depth), vec2(contact)));
+    bool seen = own.height <= dot(abs(own.offset), rise);
 #ifdef POINT_MAPS
     // only what comes down to the receiver between the texels touches it; other outlines are enlarged ones
-    hidden = hidden && (!at_outline || height < rise.x + rise.y);
+    seen = seen || (at_outline && own.height >= rise.x + rise.y);
 #endif
-    return hidden ? 0.0 : 1.0;
+    return seen;
 }
 
 // Which face of the light's half cube a direction belongs to (light space: x, y in the light's plane, z along its axis).
@@ -145,6 +174,7 @@ void main() {
 #ifdef MANY_FACES
         vec3 p_ls = vec3(dot(face[8], vec4(position.xyz, 1.0)), dot(face[9], vec4(position.xyz, 1.0)), dot(face[10], vec4(position.xyz, 1.0)));
 #endif
+        uint undecided = 0u;
         for (int k = 0; k < view_count; k++) {
             vec3 p = p_fs - view_center(k);
             float squared_distance = dot(p, p);
@@ -164,8 +194,17 @@ void main() {
             float weight = delivered(p, squared_distance, shading_fs);
             if (weight > 0.0) {
                 // faces without casters have no map and are looked up together with the first that has one
-                sums += weight * vec2(in_map ? visible_from(k, p, normal_fs) : float(dot(normal_fs, p) < 0.0), 1.0);
+                int found = in_map ? sight(k, p, normal_fs) : int(dot(normal_fs, p) >= 0.0);
+                sums += weight * vec2(found == SEEN ? 1.0 : 0.0, 1.0);
+                undecided |= found == UNDECIDED ? 1u << uint(k) : 0u;
             }
+        }
+        // few in most places: a loop of its own costs only where there are some, at most MAX_BATCH_VIEWS turns
+        while (undecided != 0u) {
+            int k = findLSB(undecided);
+            undecided &= undecided - 1u;
+            vec3 p = p_fs - view_center(k);
+            sums.x += seen_by_neighbours(k, p, normal_fs) ? delivered(p, dot(p, p), shading_fs) : 0.0;
         }
     }
     if (last_face == 0) {
