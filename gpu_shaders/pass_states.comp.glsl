@@ -15,8 +15,8 @@ void main() {
     if (surface_samples == 0.0) {
         state = STATE_BACKGROUND;
     } else if (surface_samples == float(batch_count)) {
-        // sums of the same terms in the same order: equal to the last bit if every look-up was lit
-        state = sums.x == 0.0 ? STATE_DARK : (sums.x == sums.y ? STATE_LIT : STATE_MIXED);
+        // the two sums of a lit pixel have the same terms, but not always in the same order
+        state = sums.x == 0.0 ? STATE_DARK : (sums.x >= sums.y * (1.0 - 1.0e-6) ? STATE_LIT : STATE_MIXED);
     }
     imageStore(states, pixel, uvec4(state));
 }

@@ -10,9 +10,22 @@
 #define tan_half_spread (face[5].w)
 #define reference_squared_distance (face[4].z)  // keeps sums near 1 in scenes of any scale
 
-// The receiver's tangent plane is followed to the texel's centre, at most this many footprints: at grazing angles the
-// plane runs away along the ray while the surface does not.
-const float MAX_PLANE_SHIFT_FOOTPRINTS = 8.0;
+// What is stored deeper than the receiver by more does not hide it: beyond a silhouette the tangent plane runs away along the ray while
+// the surface ends.
+const float MAX_DEEPER_FOOTPRINTS = 8.0;
+// What stands nearer than the receiver by more is not the receiver, although the plane of one seen edge-on may pass before it: there
+// only what lies in the plane is.
+const float MAX_NEARER_FOOTPRINTS = 8.0;
+// What stands before the receiver by less may touch it within a texel: so steep are walls that are told from outlines.
+const float CONTACT_FOOTPRINTS = 16.0;
+const float COPLANAR_FOOTPRINTS = 1.0 / 64.0;  // several times what the rasterizer's snapping of corners to 1/256 texel moves a plane
+// How high above the tangent plane a stored point may lie and still be the receiver: curvature within a texel, as an angle, and ...
+const float BIAS_ANGLE = 1.0 / 48.0;
+#ifdef POINT_MAPS
+const float BIAS_FOOTPRINTS = 1.0 / 4.0;  // ... planes of facets that points carry past the facets' edges, half a texel
+#else
+const float BIAS_FOOTPRINTS = 1.0 / 12.0;  // ... facets of about a texel
+#endif
 
 #ifdef ORTHOGRAPHIC
 #define ray_direction(k) (samples[k].xyz)
@@ -36,18 +49,19 @@ struct Place {
     float disc;  // share of squared cosines to the centre's direction that meet the disc, times squared distance of the point
 };
 
-Place place_of(vec3 p_fs) {
-    Place place;
+Place place;  // of the receiver that this invocation looks up
+
+void set_place(vec3 p_fs) {
     float squared = dot(p_fs, p_fs);
     float squared_radius = light_radius_m * light_radius_m;
     place.p_fs = p_fs;
     place.inside = squared < squared_radius;
     place.gain = soft_falloff && !place.inside ? 2.0 : 4.0;
     place.disc = soft_falloff ? squared * (squared / (squared + squared_radius)) : 0.0;
-    return place;
 }
 
-float delivered(int k, vec3 p, float squared_distance, vec3 shading_fs, Place place) {
+float delivered(int k, vec3 p, vec3 shading_fs) {
+    float squared_distance = dot(p, p);
     float receiver = -dot(shading_fs, p);
     if (receiver <= 0.0) {
         return 0.0;
@@ -76,7 +90,13 @@ float delivered(int k, vec3 p, float squared_distance, vec3 shading_fs, Place pl
     return weight;
 }
 #else
-float delivered(vec3 p, float squared_distance, vec3 shading_fs) {
+#ifdef ORTHOGRAPHIC
+float delivered(int k, vec3 p, vec3 shading_fs) {
+    return max(-dot(shading_fs, ray_direction(k)), 0.0);
+}
+#else
+float delivered(int k, vec3 p, vec3 shading_fs) {
+    float squared_distance = dot(p, p);
     float receiver = -dot(shading_fs, p);
     float emitter = dot(light_axis_fs, p);
     if (receiver <= 0.0 || emitter <= 0.0) {
@@ -92,49 +112,126 @@ float delivered(vec3 p, float squared_distance, vec3 shading_fs) {
     return weight;
 }
 #endif
-
-// 1 if the view sees the point, 0 if something is before it. p: from the view's centre, face space.
-// tolerance: in footprints, what the tangent plane does not explain.
-float visible_from(int k, vec3 p, vec3 normal_fs, float tolerance) {
-    float offset = dot(normal_fs, p);
-#ifdef ORTHOGRAPHIC
-    float facing = dot(normal_fs, ray_direction(k));
-#else
-    float facing = offset;
 #endif
-    if (facing >= 0.0) {
-        return 0.0;  // the surface itself is in the way
+
+float stored_depth(ivec2 address) {
+    return uintBitsToFloat(texelFetch(depth_maps, address, 0).x);
+}
+
+// Whether what a texel stores leaves a receiver at depth z in sight. height: of the stored point above the receiver's tangent plane.
+bool leaves_in_sight(float depth, float height, float z, float footprint) {
+    float reach = MAX_NEARER_FOOTPRINTS * footprint;
+    float rounding = depth_rounding(z);
+    float tolerance = BIAS_FOOTPRINTS * footprint + BIAS_ANGLE * min(abs(depth - z), reach) + rounding;
+    bool is_plane = height <= tolerance && (depth >= z - reach || abs(height) <= COPLANAR_FOOTPRINTS * footprint + rounding);
+    return is_plane || depth >= z + MAX_DEEPER_FOOTPRINTS * footprint;
+}
+
+const int SEEN = 0;
+const int HIDDEN = 1;
+const int UNDECIDED = 2;  // takes a look at the neighbouring texels
+
+struct LookUp {
+    ivec2 address;
+    vec2 offset;       // of the point from the texel's centre, texels
+    vec2 facing_step;  // what a texel to the right or up adds to ray_facing; ORTHOGRAPHIC: to heights
+    float ray_facing;  // the normal's part along the ray through the texel's centre
+    float bound;       // height = depth * ray_facing - bound
+    float footprint;
+    float depth;
+    float height;
+};
+
+// Height above the tangent plane of what a texel stores. step: to the texel, sum of facing_step
+float height_of(LookUp own, float depth, float step) {
+#ifdef ORTHOGRAPHIC
+    return depth * own.ray_facing - own.bound + step;
+#else
+    return depth * (own.ray_facing + step) - own.bound;
+#endif
+}
+
+// The normal's part along the view's ray to p: negative where the surface faces the view.
+float facing_of(int k, vec3 p, vec3 normal_fs) {
+#ifdef ORTHOGRAPHIC
+    return dot(normal_fs, ray_direction(k));
+#else
+    return dot(normal_fs, p);
+#endif
+}
+
+// Of a point that lies in the view's map. p: from the view's centre, face space.
+LookUp look_up(int k, vec3 p, vec3 normal_fs, vec2 at) {
+    LookUp own;
+    ivec2 texel = ivec2(floor(at));
+    own.address = texel + ivec2(0, view_first_row(k));
+    own.offset = at - vec2(texel) - 0.5;
+    own.facing_step = normal_fs.xy * texel_tangent;
+#ifdef ORTHOGRAPHIC
+    own.ray_facing = dot(normal_fs, vec3(view_shear(k), 1.0));
+    own.bound = p.z * own.ray_facing + dot(own.facing_step, own.offset);
+#else
+    own.bound = dot(normal_fs, p);
+    own.ray_facing = own.bound * (1.0 / p.z) - dot(own.facing_step, own.offset);
+#endif
+    own.footprint = footprint_at(p.z);
+    own.depth = stored_depth(own.address);
+    own.height = height_of(own, own.depth, 0.0);
+    return own;
+}
+
+// What the point's own texel says. p: from the view's centre, face space.
+int sight(int k, vec3 p, vec3 normal_fs) {
+    if (facing_of(k, p, normal_fs) >= 0.0) {
+        return HIDDEN;  // the surface itself is in the way
     }
     vec2 at = map_position(k, p);
-#ifdef POINT_MAPS
-    // A texel is covered if a point lies anywhere in it, which enlarges outlines by half a texel all around. Taking the deepest
-    // of the four texels around the look-up, as if it stood at their common corner, shrinks them by as much.
-    ivec2 texel = ivec2(floor(at - 0.5));
-    vec2 place = vec2(texel) + 1.0;
-    const int last = 1;
-#else
-    ivec2 texel = ivec2(floor(at));
-    vec2 place = vec2(texel) + 0.5;
-    const int last = 0;
-#endif
-    // outside every caster's outline, or so near that the light touches it
-    if (p.z <= near_m || any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel + last, map_size))) {
-        return 1.0;
+    // outside every caster's outline (windows have a margin), or so near that the light touches it
+    if (p.z <= near_m || any(lessThan(at, vec2(1.0))) || any(greaterThanEqual(at, vec2(map_size - 1)))) {
+        return SEEN;
     }
-    float footprint = footprint_at(p.z);
-    vec2 plane = plane_on_ray(k, place, normal_fs, offset);
-    // a plane that turns away before that place has no depth there; the clamp then decides
-    float plane_depth = plane.y < 0.0 ? plane.x / plane.y : 3.0e38;
-    float reach = MAX_PLANE_SHIFT_FOOTPRINTS * footprint;
-    float receiver_depth = clamp(plane_depth, p.z - reach, p.z + reach);
-    ivec2 address = texel + ivec2(0, view_first_row(k));
-    uint bits = texelFetch(depth_maps, address, 0).x;
+    LookUp own = look_up(k, p, normal_fs, at);
+    if (leaves_in_sight(own.depth, own.height, p.z, own.footprint)) {
+        return SEEN;
+    }
 #ifdef POINT_MAPS
-    bits = max(bits, texelFetch(depth_maps, address + ivec2(1, 0), 0).x);
-    bits = max(bits, texelFetch(depth_maps, address + ivec2(0, 1), 0).x);
-    bits = max(bits, texelFetch(depth_maps, address + ivec2(1, 1), 0).x);
+    return UNDECIDED;
+#else
+    return own.depth > p.z - CONTACT_FOOTPRINTS * own.footprint ? UNDECIDED : HIDDEN;
 #endif
-    return uintBitsToFloat(bits) >= receiver_depth - footprint * tolerance - depth_rounding(p.z) ? 1.0 : 0.0;
+}
+
+// Whether a point is seen that its own texel left undecided.
+bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs) {
+    LookUp own = look_up(k, p, normal_fs, map_position(k, p));
+    ivec2 toward = ivec2(own.offset.x > 0.0 ? 1 : -1, own.offset.y > 0.0 ? 1 : -1);
+    vec2 facing_step = own.facing_step * vec2(toward);
+    float contact = CONTACT_FOOTPRINTS * own.footprint;
+#ifdef POINT_MAPS
+    // A texel is covered if a point lies anywhere in it, which enlarges outlines by half a texel all around. Asking all
+    // four texels around the place shrinks them by as much.
+    float depth_x = stored_depth(own.address + ivec2(toward.x, 0));
+    float depth_y = stored_depth(own.address + ivec2(0, toward.y));
+    float depth_xy = stored_depth(own.address + toward);
+    bool at_outline = leaves_in_sight(depth_x, height_of(own, depth_x, facing_step.x), p.z, own.footprint) ||
+                      leaves_in_sight(depth_y, height_of(own, depth_y, facing_step.y), p.z, own.footprint) ||
+                      leaves_in_sight(depth_xy, height_of(own, depth_xy, facing_step.x + facing_step.y), p.z, own.footprint);
+    if (own.depth <= p.z - contact) {
+        return at_outline;
+    }
+#endif
+    // What is so near may touch the receiver within the texel, or be the receiver itself, curved. How it rises away from the point tells
+    // whether it has come down to the receiver's plane before it reaches the point.
+    vec2 away = vec2(stored_depth(own.address - ivec2(toward.x, 0)), stored_depth(own.address - ivec2(0, toward.y)));
+    vec2 rise = vec2(height_of(own, away.x, -facing_step.x), height_of(own, away.y, -facing_step.y)) - own.height;
+    // beyond an outline is another surface, or nothing at an infinite height
+    rise = mix(vec2(0.0), rise, lessThan(abs(away - own.depth), vec2(contact)));
+    bool seen = own.height <= dot(abs(own.offset), rise);
+#ifdef POINT_MAPS
+    // only what comes down to the receiver between the texels touches it; other outlines are enlarged ones
+    seen = seen || (at_outline && own.height >= rise.x + rise.y);
+#endif
+    return seen;
 }
 
 // Which face of the light's cube a direction belongs to (light space: x, y in an area light's plane, z along its axis).
@@ -165,29 +262,18 @@ void main() {
 #ifdef MANY_FACES
         vec3 p_ls = vec3(dot(face[8], vec4(position.xyz, 1.0)), dot(face[9], vec4(position.xyz, 1.0)), dot(face[10], vec4(position.xyz, 1.0)));
 #endif
-        // curvature and facets within a texel move depths by more the steeper the surface stands to the light
-#ifdef ORTHOGRAPHIC
-        const vec3 ray = vec3(0.0, 0.0, 1.0);
-#else
-        vec3 ray = p_fs;
-#endif
-        float facing = min(dot(normal_fs, ray), 0.0);
-        float slope = sqrt(max(dot(ray, ray) - facing * facing, 0.0)) / max(-facing, 1e-20);
-        float tolerance = BIAS_FOOTPRINTS + BIAS_SLOPE_FOOTPRINTS * min(slope, BIAS_MAX_SLOPE);
 #ifdef OMNI
-        Place place = place_of(p_fs);
+        set_place(p_fs);
 #endif
+        uint undecided = 0u;
         for (int k = 0; k < view_count; k++) {
             vec3 p = p_fs - view_center(k);
-#ifdef ORTHOGRAPHIC
-            const bool in_map = true;
-            float weight = max(-dot(shading_fs, ray_direction(k)), 0.0);
-#else
-            float squared_distance = dot(p, p);
+#ifndef ORTHOGRAPHIC
             // a point on the light itself: the cosines have no direction
-            if (!(squared_distance > 0.0)) {
+            if (!(dot(p, p) > 0.0)) {
                 continue;
             }
+#endif
 #ifdef MANY_FACES
             int belongs_to = face_index(p_ls - samples[k].xyz);
             if ((face_mask & (1 << belongs_to)) == 0) {
@@ -197,16 +283,20 @@ void main() {
 #else
             const bool in_map = true;
 #endif
-#ifdef OMNI
-            float weight = delivered(k, p, squared_distance, shading_fs, place);
-#else
-            float weight = delivered(p, squared_distance, shading_fs);
-#endif
-#endif
+            float weight = delivered(k, p, shading_fs);
             if (weight > 0.0) {
                 // faces without casters have no map and are looked up together with the first that has one
-                sums += weight * vec2(in_map ? visible_from(k, p, normal_fs, tolerance) : float(dot(normal_fs, p) < 0.0), 1.0);
+                int found = in_map ? sight(k, p, normal_fs) : int(facing_of(k, p, normal_fs) >= 0.0);
+                sums += weight * vec2(found == SEEN ? 1.0 : 0.0, 1.0);
+                undecided |= found == UNDECIDED ? 1u << uint(k) : 0u;
             }
+        }
+        // few in most places: a loop of its own costs only where there are some, at most MAX_BATCH_VIEWS turns
+        while (undecided != 0u) {
+            int k = findLSB(undecided);
+            undecided &= undecided - 1u;
+            vec3 p = p_fs - view_center(k);
+            sums.x += seen_by_neighbours(k, p, normal_fs) ? delivered(k, p, shading_fs) : 0.0;
         }
     }
     if (last_face == 0) {

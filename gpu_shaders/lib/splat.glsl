@@ -1,4 +1,5 @@
 // Writes a point of a triangle into the depth maps of all views of the batch.
+#include "lib/octahedral.glsl"
 #include "lib/view.glsl"
 
 // A point lies anywhere in its texel, the stored depth belongs to the texel's centre: the triangle's plane is followed
@@ -21,6 +22,10 @@ void write_depth(int k, ivec2 texel, float z, vec3 normal_fs, float plane_offset
 }
 
 void splat(vec3 p_fs, vec3 normal_fs) {
+#ifdef INTO_MAPS
+    // rounded as in the point buffer: both ways of storing points make the same maps
+    normal_fs = unpack_direction(pack_direction(normal_fs));
+#endif
 #ifdef FRONT_FACE
     // all views lie in the plane that the face looks away from: a point is equally deep before each
     if (p_fs.z <= near_m) {

@@ -119,4 +119,5 @@ def pass_image(shadowed: np.ndarray, delivered: np.ndarray, surface_share: np.nd
     (turned away from the whole light) are 0 and the background is 1."""
     lit = delivered > 0
     ratio = np.divide(shadowed, delivered, out=np.zeros_like(shadowed), where=lit)
-    return np.where(lit, ratio, 1 - surface_share).astype(np.float32)
+    # the sums' terms come in different orders: a ratio of 1 may be off by a rounding
+    return np.where(lit, np.minimum(ratio, 1), 1 - surface_share).astype(np.float32)

@@ -272,7 +272,6 @@ RESOLVE = ComputeDeclaration(
         "MANY_FACES": "several faces share the directions",
         "POINT_MAPS": "the maps were splatted: undo the half texel by which that enlarges outlines",
     },
-    defines={"BIAS_FOOTPRINTS": 0.5, "BIAS_SLOPE_FOOTPRINTS": 0.5, "BIAS_MAX_SLOPE": 4.0},
 )
 
 
