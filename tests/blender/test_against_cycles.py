@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from tests.scenes import rmse
 from vir_addon.core.pass_set import shadow_pass_name
@@ -26,6 +27,9 @@ class Reference:
     ratio: np.ndarray
     lit: np.ndarray
     """(height, width) bool"""
+    off_outlines: np.ndarray
+    """(height, width) bool: the unshadowed picture changes by less than half to all neighbours. On outlines of things, where brightly and
+    dimly lit surfaces share a pixel, what counts is how finely the eye samples it, whatever the light"""
     noise: float
     """RMS of the ratio's standard error over lit pixels"""
 
@@ -74,7 +78,8 @@ def cycles_reference(scene, samples: int, folder) -> Reference:
         np.clip(np.divide(cycles_image(scene, samples // 2, seed, folder), unshadowed, where=lit, out=np.ones_like(unshadowed)), 0, 1)
         for seed in (2, 3)
     ]
-    return Reference((halves[0] + halves[1]) / 2, lit, rmse(halves[0][lit], halves[1][lit]) / 2)
+    off_outlines = ndimage.minimum_filter(unshadowed, 3) > 0.5 * ndimage.maximum_filter(unshadowed, 3)
+    return Reference((halves[0] + halves[1]) / 2, lit, off_outlines, rmse(halves[0][lit], halves[1][lit]) / 2)
 
 
 def suzanne_on_a_floor(scene, levels: int, resolution: tuple[int, int]):
@@ -158,8 +163,13 @@ def test_lights_of_all_kinds_agree(scene, tmp_path, name, scale):
     scene.collection.objects.link(key)
     key.location, key.rotation_euler, key.scale = (2.0, -2.0, 4.0), (0.6, 0.0, 0.785), scale
     reference = cycles_reference(scene, 512, tmp_path)
-    for method, overall, _ in compare(scene, reference, 128):
-        assert np.sqrt(max(overall**2 - reference.noise**2, 0)) <= 0.02, method
+    judged = reference.lit & reference.off_outlines
+    assert judged.sum() > 0.8 * reference.lit.sum()
+    for method in (Method.MVR, Method.IVIR):
+        image, _ = shadow_pass(scene, method, 128)
+        error = rmse(image[judged], reference.ratio[judged])
+        print(f"{name} {method.value}: RMSE {error:.4f}, reference's noise {reference.noise:.4f}")
+        assert error <= 0.02, method
 
 
 @pytest.mark.slow
