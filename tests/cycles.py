@@ -9,6 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import OpenEXR
+from scipy import ndimage
 
 DELIVERED_FLOOR = 0.01
 """Pixels that receive less than this share of what the brightest twentieth receives are not judged: their ratio is mostly noise."""
@@ -67,15 +68,19 @@ class CyclesReference:
         self.ratio = (first + second) / 2
         self.noise = _rms((first - second)[self.judged].astype(np.float64)) / 2
         """RMS of the ratio's standard error over judged pixels"""
+        # where brightly and dimly lit surfaces share a pixel, what counts is how finely the eye samples it, whatever the light
+        even = ndimage.minimum_filter(self.unshadowed, 3) > 0.5 * ndimage.maximum_filter(self.unshadowed, 3)
+        self.off_outlines = self.judged & even
         self.penumbra = self.judged & (self.ratio > 0.02) & (self.ratio < 0.98)
 
     def ratio_of(self, shadowed: np.ndarray) -> np.ndarray:
         return np.where(self.judged, np.clip(shadowed / np.maximum(self.unshadowed, 1e-12), 0, 1), 1)
 
     def errors(self, image: np.ndarray) -> dict[str, float]:
-        """RMSE over the judged pixels and over those in a penumbra."""
+        """RMSE over the judged pixels, over those off outlines of things and over those in a penumbra."""
         error = image.astype(np.float64) - self.ratio
-        return {"rmse": _rms(error[self.judged]), "rmse_penumbra": _rms(error[self.penumbra])}
+        regions = {"rmse": self.judged, "rmse_off_outlines": self.off_outlines, "rmse_penumbra": self.penumbra}
+        return {name: _rms(error[region]) for name, region in regions.items()}
 
 
 def _rms(values: np.ndarray) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from vir_addon.core.pass_set import shadow_pass_name
 from vir_addon.core.settings import Method, Settings
 from vir_addon.device.open import open_device
@@ -95,8 +94,12 @@ def test_lights_of_all_kinds_agree(scene, name, scale):
     key.location, key.rotation_euler, key.scale = (2.0, -2.0, 4.0), (0.6, 0.0, 0.785), scale
     cycles.prepare(scene, (160, 90))
     reference = cycles.CyclesReference(scene, 512)
-    for method, overall, _ in compare(scene, reference, 128):
-        assert np.sqrt(max(overall**2 - reference.noise**2, 0)) <= 0.02, method
+    assert reference.off_outlines.sum() > 0.8 * reference.judged.sum()
+    for method in (Method.MVR, Method.IVIR, Method.MICRO):
+        image, _ = shadow_pass(scene, method, 128)
+        errors = reference.errors(image)
+        print(f"{name} {method.value}: RMSE {errors['rmse_off_outlines']:.4f}, reference's noise {reference.noise:.4f}")
+        assert errors["rmse_off_outlines"] <= 0.02, method
 
 
 @pytest.mark.slow

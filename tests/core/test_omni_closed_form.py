@@ -51,7 +51,7 @@ def integrated_disc_of_directions(x_m, half_angle_of, count=600):
     return image
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [METHODS[0], pytest.param(METHODS[1], marks=pytest.mark.slow)])
 @pytest.mark.parametrize("soft", [False, True])
 def test_sphere_over_a_straight_edge(device, method, soft):
     width_m, radius_m = 1.0, 0.5
@@ -109,15 +109,15 @@ def test_lamp_in_an_empty_room_lights_all_of_it(device, method, radius_m):
     for direction in ((1.0, 0.2, 0.1), (-1.0, 0.1, 0.3), (0.2, 1.0, -0.2), (0.1, -1.0, 0.2), (0.1, 0.3, 1.0), (-0.2, 0.3, -1.0)):
         camera = perspective_camera(-1.6 * np.array(direction), 3 * np.array(direction), 48, 48, 1.2)
         scene = snapshot([room_around()], [light], camera, 48, 48)
-        with prepared_renderer(scene, device, method=method, view_count=16, map_resolution_px=256) as renderer:
+        with prepared_renderer(scene, device, method=method, view_count=8, map_resolution_px=128) as renderer:
             for batch in range(renderer.plan.batch_count):
                 device.run(renderer.render_batch, batch)
             image, positions = renderer.read_passes()["VIR Shadow Key"], device.run(device.read, renderer.eye.positions)
         # within a texel of the next wall its map cannot tell which of them is nearer
-        clear = np.sort(np.abs(positions[..., :3]), axis=-1)[..., 1] < 2.0 - 0.03
+        clear = np.sort(np.abs(positions[..., :3]), axis=-1)[..., 1] < 2.0 - 0.06
         np.testing.assert_array_equal(image[clear], 1)
         checked += clear.sum()
-    assert checked > 6 * 0.9 * 48**2
+    assert checked > 6 * 0.85 * 48**2
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -261,7 +261,7 @@ LAMPS = {
 def test_passes_of_lamps_agree(snapshot, both, name, method):
     scene = dataclasses.replace(snapshot, lights=(LAMPS[name],), width_px=96, height_px=54)
     a, b = (render_pass(scene, device, method=method, view_count=8, map_resolution_px=128) for device in both)
-    assert a.mean() > 0.1 and a.std() > 0.1
+    assert a.std() > 0.1
     # a texel that either rounding may give to a triangle changes one sample of a few pixels
     assert (np.abs(a - b) > 1e-3).mean() < 0.01
     assert np.abs(a - b).mean() < 1e-3
