@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from vir_addon.core.pass_set import shadow_pass_name
 from vir_addon.core.settings import Method, Settings
 from vir_addon.device.open import open_device
