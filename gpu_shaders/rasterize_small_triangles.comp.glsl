@@ -34,7 +34,10 @@ void main() {
     for (int i = 0; i < 3; i++) {
         corners[i] = texelFetch(gathered_triangles, linear_texel(3 * index + i), 0).xyz;
     }
-    for (int k = 0; k < view_count; k++) {
+    // Loops that test at their end: software rasterizers go through those that test at their beginning once more than needed.
+    int k = -1;
+    do {
+        k++;
         vec2 at[3];
         vec3 linear;
         for (int i = 0; i < 3; i++) {
@@ -65,7 +68,8 @@ void main() {
         int x = 0;
         int count = size.x * size.y;
         texel.y += view_first_row(k);
-        for (int i = 0; i < count; i++) {
+        int i = 0;
+        do {
             if (min(weights.x, weights.y) >= 0.0 && weights.x + weights.y <= twice_area) {
                 float value = linear.x + dot(rise, weights);
 #ifdef ORTHOGRAPHIC
@@ -87,6 +91,6 @@ void main() {
                 weights = row;
                 texel.y++;
             }
-        }
-    }
+        } while (++i < count);
+    } while (k + 1 < view_count);
 }

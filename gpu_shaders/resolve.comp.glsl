@@ -2,7 +2,7 @@
 //
 // The pass is sum(visible * delivered) / sum(delivered) over light samples and eye samples. What sample k would deliver:
 // the shading normal's cosine, the light's cosine and spread or cone, and 1 / distance^2; all without the light's strength.
-#include "lib/linear_texel.glsl"
+#include "lib/tiles.glsl"
 #include "lib/octahedral.glsl"
 #include "lib/view.glsl"
 
@@ -244,17 +244,17 @@ int face_index(vec3 d) {
 }
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    if (pixel.x >= width || pixel.y >= height) {
+    ivec2 pixel;
+    if (!find_pixel(pixel)) {
         return;
     }
     vec4 position = texelFetch(positions, pixel, 0);
-    bool surface = position.w >= 0.0 && texelFetch(settled, pixel, 0).x == 0u;
+    bool surface = position.w >= 0.0;
 #ifdef RECEIVER_LINKING
     surface = surface && texelFetch(receivers, linear_texel(int(position.w)), 0).x > 0.5;
 #endif
     vec2 sums = first_face != 0 ? vec2(0.0) : imageLoad(batch_sums, pixel).xy;
-    if (surface) {
+    if (surface && view_count > 0) {
         vec4 normal = texelFetch(normals, pixel, 0);
         vec3 p_fs = face_position(position.xyz);
         vec3 normal_fs = face_direction(normal.xyz);
@@ -266,7 +266,10 @@ void main() {
         set_place(p_fs);
 #endif
         uint undecided = 0u;
-        for (int k = 0; k < view_count; k++) {
+        // loops that test at their end: software rasterizers go through those that test at their beginning once more than needed
+        int k = -1;
+        do {
+            k++;
             vec3 p = p_fs - view_center(k);
 #ifndef ORTHOGRAPHIC
             // a point on the light itself: the cosines have no direction
@@ -290,13 +293,15 @@ void main() {
                 sums += weight * vec2(found == SEEN ? 1.0 : 0.0, 1.0);
                 undecided |= found == UNDECIDED ? 1u << uint(k) : 0u;
             }
-        }
+        } while (k + 1 < view_count);
         // few in most places: a loop of its own costs only where there are some, at most MAX_BATCH_VIEWS turns
-        while (undecided != 0u) {
-            int k = findLSB(undecided);
-            undecided &= undecided - 1u;
-            vec3 p = p_fs - view_center(k);
-            sums.x += seen_by_neighbours(k, p, normal_fs) ? delivered(k, p, shading_fs) : 0.0;
+        if (undecided != 0u) {
+            do {
+                int view = findLSB(undecided);
+                undecided &= undecided - 1u;
+                vec3 p = p_fs - view_center(view);
+                sums.x += seen_by_neighbours(view, p, normal_fs) ? delivered(view, p, shading_fs) : 0.0;
+            } while (undecided != 0u);
         }
     }
     if (last_face == 0) {

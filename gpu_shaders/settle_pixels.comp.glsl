@@ -1,5 +1,4 @@
-// Settles pixels all around which the pass is the same, wholly lit, dark or background: later batches leave them out. Writes
-// how many batches such a pixel's sums have, 0 where looking up goes on.
+// Finds the pixels all around which the pass is the same, wholly lit, dark or background.
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (pixel.x >= width || pixel.y >= height) {
@@ -14,5 +13,5 @@ void main() {
         }
     }
     bool same = bitCount(found) == 1 && found != 1u;
-    imageStore(settled, pixel, uvec4(same ? uint(batch_count) : 0u));
+    imageStore(settled, pixel, uvec4(same ? 1u : 0u));
 }

@@ -1,5 +1,6 @@
 // The eye G-buffer from visibility: where each pixel's ray meets its triangle, and the normals there.
 #include "lib/scene_data.glsl"
+#include "lib/tiles.glsl"
 
 vec3 shading_normal(InstanceData instance, TriangleData triangle, int triangle_index, vec3 weights, vec3 fallback_ws) {
     vec3 packed_normals = triangle.packed_normals;
@@ -37,8 +38,8 @@ vec3 intersection_weights(TriangleData triangle, vec3 origin, vec3 direction) {
 }
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    if (pixel.x >= width || pixel.y >= height) {
+    ivec2 pixel;
+    if (!find_pixel(pixel)) {
         return;
     }
     uvec2 seen = texelFetch(visibility, samples_per_px * (pixel + margin_px) + ivec2(sample_x, sample_y), 0).xy;

@@ -73,4 +73,4 @@ def test_it_can_be_turned_off(device):
     scene = scene_named("sphere")
     assert settled_shares(scene, device, resolve=Resolve.FULL) == [0.0]
     with prepared_renderer(scene, device) as renderer:
-        assert renderer.works[0].accumulator.settled_share == 0
+        assert renderer.works[0].accumulator.settled_batch_count == 0

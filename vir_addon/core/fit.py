@@ -7,6 +7,7 @@ cannot shadow a visible receiver left out. Receivers are the surfaces of the fir
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,8 @@ from .views import (
     single_omni_face,
 )
 
+MAX_RECEIVER_PIXELS = 1 << 17
+"""A larger picture is looked at in steps of more than a pixel."""
 MAX_RECEIVER_POINTS = 16384
 RECEIVER_MARGIN_PX = 5.0
 """Filters reach 1.5 pixels to each side, and perspective may make the outermost pixels cover more than the mean."""
@@ -78,6 +81,9 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -
 
     positions, normals: the G-buffer's textures, (height, width, 4).
     """
+    # rows and columns between are within the margin
+    step = math.ceil(math.sqrt(positions.shape[0] * positions.shape[1] / MAX_RECEIVER_PIXELS))
+    positions, normals = positions[::step, ::step], normals[::step, ::step]
     surface = positions[..., 3] >= 0
     if light.receivers is not None:
         surface &= light.receivers[np.maximum(positions[..., 3], 0).astype(np.int64)]

@@ -173,20 +173,19 @@ class LightWork:
         """Once, as soon as enough is known, and not when no batch is left to gain from it."""
         return (
             self.plan.settings.resolve is Resolve.ADAPTIVE
-            and not self.accumulator.has_settled
+            and not self.accumulator.settled_batch_count
             and MIN_SETTLING_BATCHES <= batch + 1 < self.plan.batch_count
             and (self.batch_views(batch).stop >= MIN_SETTLING_VIEWS or batch + 1 >= self.planned.view_count)
         )
 
     def _resolve(self, eye: EyePass, maps: DepthMaps, **bindings: Any) -> None:
         width, height = eye.size
-        self.device.compute_kernel(RESOLVE, *self.resolve_flags).dispatch(
-            (-(-width // 8), -(-height // 8), 1),
+        self.accumulator.tiles.dispatch(
+            self.device.compute_kernel(RESOLVE, *self.resolve_flags),
             positions=eye.positions,
             normals=eye.normals,
             depth_maps=maps.texture,
             receivers=self.receivers,
-            settled=self.accumulator.settled,
             moments=self.accumulator.moments,
             coverage=self.accumulator.coverage,
             batch_sums=self.store.batch_sums,

@@ -94,6 +94,7 @@ class Renderer:
         self.works: list[LightWork] = []
         self._cleanup = contextlib.ExitStack()
         self._current_offset = -1
+        self._eye_is_settled = False
         self.statistics = SetStatistics(
             device=f"{device.name}: {device.description}",
             object_count=len(set(snapshot.instances.object_index.tolist())),
@@ -158,6 +159,9 @@ class Renderer:
         for work in self.works:
             with self.stopwatch.billed_to(work.statistics.stage_ms):
                 work.render_batch(batch, self.eye, self.stopwatch)
+        if not self._eye_is_settled and self.works and all(work.accumulator.settled_batch_count for work in self.works):
+            self.eye.keep_only(np.any([work.accumulator.tiles.wanted_px for work in self.works], axis=0))
+            self._eye_is_settled = True
 
     def update_errors(self) -> float:
         for work in self.works:

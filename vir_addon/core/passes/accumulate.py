@@ -8,6 +8,7 @@ import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
 from ...device.interface import Device, TextureFormat
+from .tiles import Tiles
 
 TILE_PX = 16
 MIN_SETTLING_VIEWS = 16
@@ -31,8 +32,6 @@ PASS_ERROR = ComputeDeclaration(
     constants=SIZE_CONSTANTS,
 )
 
-BATCH_COUNT = Constant("int", "batches in the sums")
-
 PASS_STATES = ComputeDeclaration(
     name="pass_states",
     text="tells pixels that are wholly lit, dark or background so far from the others",
@@ -40,7 +39,7 @@ PASS_STATES = ComputeDeclaration(
     local_size=(8, 8, 1),
     textures=SUMS_TEXTURES,
     images={"states": Stored("R32UI", "write", "one bit a state")},
-    constants={**SIZE_CONSTANTS, "batch_count": BATCH_COUNT},
+    constants={**SIZE_CONSTANTS, "batch_count": Constant("int", "batches in the sums")},
 )
 
 SETTLE_PIXELS = ComputeDeclaration(
@@ -49,8 +48,8 @@ SETTLE_PIXELS = ComputeDeclaration(
     source="settle_pixels.comp.glsl",
     local_size=(8, 8, 1),
     textures={"states": Sampled("usampler2D", "one bit a state")},
-    images={"settled": Stored("R32UI", "write", "batches that a settled pixel's sums have, 0 where looking up goes on")},
-    constants={**SIZE_CONSTANTS, "batch_count": BATCH_COUNT},
+    images={"settled": Stored("R32UI", "write", "1 where later batches will find the same")},
+    constants=SIZE_CONSTANTS,
     defines={"SETTLE_RADIUS_PX": SETTLE_RADIUS_PX},
 )
 
@@ -62,22 +61,32 @@ class PassAccumulator:
         self.device, self.width, self.height = device, width, height
         zeros = np.zeros((height, width, 4), np.float32)
         self.moments, self.coverage = device.upload_texture(zeros), device.upload_texture(zeros)
-        self.settled = device.create_texture(width, height, TextureFormat.R32UI)
-        device.fill(self.settled, 0)
+        self.tiles = Tiles(device, np.ones((height, width), bool))
+        """what is still looked up"""
         self.batch_count = 0
-        self.has_settled = False
-        self.settled_share = 0.0
+        self.settled_batch_count = 0
+        """batches in the sums of pixels that are not looked up any more; 0 as long as all are"""
 
     def settle(self) -> None:
-        """Leave pixels out of later batches that lie in the middle of what is wholly lit, dark or background so far."""
+        """Leave tiles out of later batches that lie in the middle of what is wholly lit, dark or background so far."""
         states = self.device.create_texture(self.width, self.height, TextureFormat.R32UI)
-        shared = {"width": self.width, "height": self.height, "batch_count": self.batch_count}
+        settled = self.device.create_texture(self.width, self.height, TextureFormat.R32UI)
+        size = {"width": self.width, "height": self.height}
         groups = (-(-self.width // 8), -(-self.height // 8), 1)
-        self.device.compute_kernel(PASS_STATES).dispatch(groups, moments=self.moments, coverage=self.coverage, states=states, **shared)
-        self.device.compute_kernel(SETTLE_PIXELS).dispatch(groups, states=states, settled=self.settled, **shared)
-        states.release()
-        self.has_settled = True
-        self.settled_share = float((self.device.read(self.settled) > 0).mean())
+        self.device.compute_kernel(PASS_STATES).dispatch(
+            groups, moments=self.moments, coverage=self.coverage, states=states, batch_count=self.batch_count, **size
+        )
+        self.device.compute_kernel(SETTLE_PIXELS).dispatch(groups, states=states, settled=settled, **size)
+        unsettled = self.device.read(settled) == 0
+        for texture in (states, settled, self.tiles):
+            texture.release()
+        self.tiles = Tiles(self.device, unsettled)
+        self.settled_batch_count = self.batch_count
+
+    @property
+    def settled_share(self) -> float:
+        """of the pixels"""
+        return 1 - float(self.tiles.wanted_px.mean())
 
     def compute_error(self) -> float:
         """RMS over lit pixels of the standard error, from the spread between batches. Batches are stratified together, so the
@@ -104,13 +113,12 @@ class PassAccumulator:
         """(height, width) float32 each: shadowed, delivered (per batch), and the share of eye samples that saw a surface"""
         moments = self.device.read(self.moments)
         surfaces = self.device.read(self.coverage)[..., 1]
-        settled = self.device.read(self.settled)
-        batches = np.where(settled > 0, settled, max(self.batch_count, 1)).astype(np.float32)
+        batches = np.where(self.tiles.wanted_px, max(self.batch_count, 1), max(self.settled_batch_count, 1)).astype(np.float32)
         return moments[..., 0] / batches, moments[..., 1] / batches, surfaces / batches
 
     def release(self) -> None:
         self.moments.release()
-        self.settled.release()
+        self.tiles.release()
         self.coverage.release()
 
 

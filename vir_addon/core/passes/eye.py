@@ -15,6 +15,7 @@ from ...device.interface import Device, TextureFormat
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera, SceneSnapshot
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
+from .tiles import TILE_CONSTANTS, TILE_PX, TILE_TEXTURES, Tiles
 
 SAMPLES_PER_PX = (3, 2, 1)
 """visibility samples along a pixel's side: the first that MAX_VISIBILITY_TEXELS allows"""
@@ -41,11 +42,12 @@ SURFACE = ComputeDeclaration(
     name="surface",
     text="positions and normals from visibility",
     source="surface.comp.glsl",
-    local_size=(8, 8, 1),
+    local_size=(TILE_PX, TILE_PX, 1),
     textures={
         **SCENE_TEXTURES,
         "corner_normals": Sampled("sampler2D", "three packed normals of every triangle of meshes that need them"),
         "visibility": Sampled("usampler2D", "instance number + 1 and triangle number"),
+        **TILE_TEXTURES,
     },
     images={
         "positions": Stored("RGBA32F", "write", "position (world space) and instance number, -1 for the background"),
@@ -54,6 +56,7 @@ SURFACE = ComputeDeclaration(
     constants={
         "width": Constant("int", "of the picture, pixels"),
         "height": Constant("int", "of the picture, pixels"),
+        **TILE_CONSTANTS,
         "margin_px": Constant("int", "pixels around the picture that visibility has too: filters reach beyond its edge"),
         "samples_per_px": Constant("int", "visibility samples along a pixel's side"),
         "sample_x": Constant("int", "which of them, counted from the pixel's first; may be a neighbour's"),
@@ -98,6 +101,7 @@ class EyePass:
         self.target = device.create_target(self.visibility, self.depth)
         self.positions = device.create_texture(*self.size, TextureFormat.RGBA32F)
         self.normals = device.create_texture(*self.size, TextureFormat.RGBA32F)
+        self.tiles = Tiles(device, np.ones((snapshot.height_px, snapshot.width_px), bool))
         self.rasterize = device.raster_kernel(VISIBILITY)
         self.surface = device.compute_kernel(SURFACE)
         # an orthographic camera sees from infinitely far away, as far as culling can tell: everything is drawn
@@ -114,14 +118,14 @@ class EyePass:
         )
 
     def render(self, index: int) -> None:
-        """The G-buffer of the offset with this number."""
+        """The G-buffer of the offset with this number, in the tiles of `tiles`; elsewhere it keeps what it has."""
         base = self.base_offsets_px[self.visibility_index[index]]
         if self.visibility_index[index] != self._current_visibility:
             self._rasterize(base + 0.5 - 0.5 / self.samples_per_px)
             self._current_visibility = int(self.visibility_index[index])
         width, height = self.size
-        self.surface.dispatch(
-            (-(-width // 8), -(-height // 8), 1),
+        self.tiles.dispatch(
+            self.surface,
             **self.scene_data.bindings,
             corner_normals=self.scene_data.corner_normals,
             visibility=self.visibility,
@@ -135,6 +139,11 @@ class EyePass:
             sample_y=int(self.samples[index, 1]),
             eye=self._eye_table(base + self.samples[index] / self.samples_per_px),
         )
+
+    def keep_only(self, wanted: np.ndarray) -> None:
+        """From now on render only tiles that hold a wanted pixel, (height, width) bool."""
+        self.tiles.release()
+        self.tiles = Tiles(self.device, wanted)
 
     def _rasterize(self, shift_px: np.ndarray) -> None:
         """shift_px: (2,) from a pixel's centre to the middle between its samples"""
@@ -169,7 +178,7 @@ class EyePass:
         return table
 
     def release(self) -> None:
-        for texture in (self.visibility, self.depth, self.positions, self.normals):
+        for texture in (self.visibility, self.depth, self.positions, self.normals, self.tiles):
             texture.release()
         self.target.release()
 

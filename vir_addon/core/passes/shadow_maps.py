@@ -15,6 +15,7 @@ from ...device.interface import Device, RenderTarget, Texture, TextureFormat
 from ..scene import Light
 from ..views import FaceViews, light_axes
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, WORK_GROUP_SIZE
+from .tiles import TILE_CONSTANTS, TILE_PX, TILE_TEXTURES
 
 MAX_BATCH_VIEWS = 8
 """Maps that exist at the same time. More would leave the caches: 64 at once took up to 4 times longer a look-up."""
@@ -240,13 +241,13 @@ RESOLVE = ComputeDeclaration(
     name="resolve",
     text="looks visible surfaces up in the maps of a batch and accumulates the pass",
     source="resolve.comp.glsl",
-    local_size=(8, 8, 1),
+    local_size=(TILE_PX, TILE_PX, 1),
     textures={
         "positions": Sampled("sampler2D", "position (world space) and instance number, -1 for the background"),
         "normals": Sampled("sampler2D", "geometric normal (world space) and packed shading normal"),
         "depth_maps": Sampled("usampler2D", "depth maps of the batch"),
         "receivers": Sampled("sampler2D", "x: whether an instance receives this light; read with RECEIVER_LINKING"),
-        "settled": Sampled("usampler2D", "not 0 where nothing has to be looked up any more"),
+        **TILE_TEXTURES,
     },
     images={
         "moments": Stored("RGBA32F", "read_write", "sums over batches of shadowed s, delivered d, s^2, s d"),
@@ -256,6 +257,7 @@ RESOLVE = ComputeDeclaration(
     constants={
         "width": Constant("int", "of the picture, pixels"),
         "height": Constant("int", "of the picture, pixels"),
+        **TILE_CONSTANTS,
         "view_count": VIEW_COUNT,
         "first_face": Constant("int", "1 for the first face of a batch"),
         "map_face": Constant("int", "number of the face that the maps are of; with MANY_FACES"),
