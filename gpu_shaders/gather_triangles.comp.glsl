@@ -3,10 +3,6 @@
 #include "lib/scene_data.glsl"
 #include "lib/linear_invocation.glsl"
 #include "lib/seen_space.glsl"
-#include "lib/view.glsl"
-
-// Nearer than this behind the visible surface a triangle may be part of it, or come into sight between two views.
-const float KEPT_DEPTH_FOOTPRINTS = 32.0;
 
 bool is_small(vec3 corners_fs[4]) {
     for (int k = 0; k < hull_count; k++) {
@@ -35,28 +31,6 @@ bool is_small(vec3 corners_fs[4]) {
     return true;
 }
 
-#ifdef SEEN_ONLY
-// Whether all corners are far behind what each view of a batch sees there. A batch is spread over the whole light: what is hidden
-// from all of it is hidden from nearly all other views.
-bool hidden_from_batch(vec3 corners_fs[4]) {
-    for (int k = 0; k < view_count; k++) {
-        for (int i = 0; i < 3; i++) {
-            vec3 p = corners_fs[i] - view_center(k);
-            ivec2 texel = ivec2(floor(map_position(k, vec3(p.xy, max(p.z, near_m)))));
-            // a window that leaves it out says nothing about the windows of other views
-            if (p.z <= near_m || any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel, map_size))) {
-                return false;
-            }
-            float seen = uintBitsToFloat(texelFetch(depth_maps, texel + ivec2(0, view_first_row(k)), 0).x);
-            if (p.z <= seen + KEPT_DEPTH_FOOTPRINTS * footprint_at(p.z)) {
-                return false;
-            }
-        }
-    }
-    return true;
-}
-#endif
-
 void main() {
     int group = linear_group();
     if (group >= group_count) {
@@ -83,11 +57,6 @@ void main() {
         return;
     }
     bool small = is_small(corners_fs);
-#ifdef SEEN_ONLY
-    if (!small || hidden_from_batch(corners_fs)) {
-        return;
-    }
-#endif
     // counted all the same: the host learns how much room is missing
     int index = int(imageAtomicAdd(counters, ivec2(small ? 0 : 1, 0), 1u));
     if (index >= triangle_capacity) {

@@ -2,28 +2,11 @@
 // covered if its centre is, and its depth is the triangle's there.
 #include "lib/linear_texel.glsl"
 #include "lib/linear_invocation.glsl"
-#include "lib/view.glsl"
+#include "lib/small_triangles.glsl"
 
 // Corners are rounded to this part of a texel. Within SMALL_EXTENT_TEXELS edge functions are then exact in float32,
 // so that triangles which share an edge leave no texel between them.
 const float SUBTEXELS = 256.0;
-
-// In texels from the map's corner. linear: what is linear on the map, 1 / depth or, of suns, depth.
-vec2 place_corner(int k, vec3 corner, out float linear) {
-#ifdef ORTHOGRAPHIC
-    linear = corner.z;
-    return corner.xy - (view_shear(k) * texels_per_tangent) * corner.z - view_window(k);
-#else
-#ifdef FRONT_FACE
-    linear = corner.z;
-    return corner.xy - (view_center(k).xy * texels_per_tangent) * corner.z - view_window(k);
-#else
-    vec3 p = corner - view_center(k);
-    linear = 1.0 / p.z;
-    return map_position(k, p);
-#endif
-#endif
-}
 
 void main() {
     int index = linear_invocation();
@@ -71,12 +54,7 @@ void main() {
         int i = 0;
         do {
             if (min(weights.x, weights.y) >= 0.0 && weights.x + weights.y <= twice_area) {
-                float value = linear.x + dot(rise, weights);
-#ifdef ORTHOGRAPHIC
-                uint bits = floatBitsToUint(value);
-#else
-                uint bits = floatBitsToUint(1.0 / value);
-#endif
+                uint bits = floatBitsToUint(depth_of(linear.x + dot(rise, weights)));
                 ivec2 address = ivec2(texel.x + x, texel.y);
                 // much is hidden: looking first is cheaper than an atomic
                 if (imageLoad(depth_maps, address).x > bits) {

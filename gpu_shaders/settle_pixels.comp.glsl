@@ -5,11 +5,9 @@ void main() {
         return;
     }
     uint found = 0u;
-    ivec2 low = max(pixel - SETTLE_RADIUS_PX, ivec2(0));
-    ivec2 high = min(pixel + SETTLE_RADIUS_PX, ivec2(width, height) - 1);
-    for (int y = low.y; y <= high.y; y++) {
-        for (int x = low.x; x <= high.x; x++) {
-            found |= texelFetch(states, ivec2(x, y), 0).x;
+    for (int y = -SETTLE_RADIUS_PX; y <= SETTLE_RADIUS_PX; y++) {
+        for (int x = -SETTLE_RADIUS_PX; x <= SETTLE_RADIUS_PX; x++) {
+            found |= texelFetch(states, clamp(pixel + ivec2(x, y), ivec2(0), ivec2(width, height) - 1), 0).x;
         }
     }
     bool same = bitCount(found) == 1 && found != 1u;

@@ -133,6 +133,11 @@ class LightWork:
             return range(batch % views, batch % views + 1)
         return range(batch * views // batches, (batch + 1) * views // batches)
 
+    @property
+    def largest_batch(self) -> int:
+        """views; batches may differ by one, and share their maps"""
+        return max(len(self.batch_views(batch)) for batch in range(self.plan.batch_count))
+
     def render_batch(self, batch: int, eye: EyePass, stopwatch: Stopwatch) -> None:
         selected = self.batch_views(batch)
         self.accumulator.batch_count += 1
@@ -140,7 +145,7 @@ class LightWork:
         mapped = [face for face in self.faces if face[2] is not None] or self.faces[:1]
         unmapped_mask = sum(1 << fitted.views.face.index for fitted, _, method in self.faces if method is None)
         for index, (fitted, table, method) in enumerate(mapped):
-            maps = self.store.maps(fitted.views.map_width_px, fitted.views.map_height_px, len(selected))
+            maps = self.store.maps(fitted.views.map_width_px, fitted.views.map_height_px, self.largest_batch)
             if method is not None:
                 with stopwatch.stage("splat or raster"):
                     method.fill(maps, selected)

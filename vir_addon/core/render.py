@@ -142,7 +142,7 @@ class Renderer:
         self.statistics.passes.sort(key=lambda statistics: statistics.light_name)
 
     def _render_eye(self, batch: int) -> None:
-        offset = batch * self.plan.eye_sample_count // self.plan.batch_count
+        offset = batch % self.plan.eye_sample_count
         if offset != self._current_offset:
             with self.stopwatch.stage("eye G-buffer"):
                 self.eye.render(offset)

@@ -14,13 +14,22 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ...device.interface import EMPTY_DEPTH_BITS, DeviceMesh, Draw, TextureFormat
 from ..fit import FittedFace
 from ..passes.scene_data import SceneData
-from ..passes.shadow_maps import COPY_TEXELS, GATHER_TRIANGLES, MAX_BATCH_VIEWS, RASTERIZE_DEPTH, RASTERIZE_SMALL_TRIANGLES, DepthMaps
+from ..passes.shadow_maps import (
+    COPY_TEXELS,
+    GATHER_TRIANGLES,
+    KEEP_SEEN_TRIANGLES,
+    MAX_BATCH_VIEWS,
+    RASTERIZE_DEPTH,
+    RASTERIZE_SMALL_TRIANGLES,
+    DepthMaps,
+)
 from ..scene import Light
 from ..settings import Settings
 from .base import DepthMapMethod
@@ -101,9 +110,7 @@ class MicroTriangleRasterization(DepthMapMethod):
     def _prepare(self) -> None:
         self.work = self.scene_data.work_table(self.fitted.caster_indices, ~self.culled)
         self.counters = self.device.create_texture(2, 1, TextureFormat.R32UI)
-        # stands for the maps where a kernel does not look at them
-        self.no_maps = DepthMaps(self.device, 1, 1, 1)
-        for resource in (self.work, self.counters, self.no_maps):
+        for resource in (self.work, self.counters):
             self._cleanup.callback(resource.release)
         self._make_lists()
 
@@ -152,30 +159,26 @@ class MicroTriangleRasterization(DepthMapMethod):
             self._gathered = _Portion(portion.first_group, portion.group_count, small_count)
             self._portions.append(self._gathered)
 
-    def _gather_with_room(self, portion: _Portion, seen_by: tuple[DepthMaps, range] | None = None) -> tuple[int, int]:
+    def _gather_with_room(self, portion: _Portion) -> tuple[int, int]:
         """Returns how many small and large triangles the portion has; more than `capacity_limit` are not all in the list."""
-        counts = self._gather(portion, seen_by)
+        counts = self._gather(portion)
         if self._capacity < sum(counts) <= self.capacity_limit:
             self.triangles.reserve(TEXELS_PER_TRIANGLE * sum(counts))
-            counts = self._gather(portion, seen_by)
+            counts = self._gather(portion)
         return counts
 
     @property
     def _capacity(self) -> int:
         return self.triangles.texel_count // TEXELS_PER_TRIANGLE
 
-    def _gather(self, portion: _Portion, seen_by: tuple[DepthMaps, range] | None) -> tuple[int, int]:
-        maps, selected = seen_by or (self.no_maps, range(0))
-        kernel = self.device.compute_kernel(GATHER_TRIANGLES, *self.flags, *["SEEN_ONLY"] * (seen_by is not None))
+    def _gather(self, portion: _Portion) -> tuple[int, int]:
+        kernel = self.device.compute_kernel(GATHER_TRIANGLES, *self.flags)
         self.device.fill(self.counters, 0)
         kernel.dispatch_linear(
             portion.group_count * kernel.declaration.local_size[0],
             **self.scene_data.bindings,
             **self.seen_space,
             face=self.face_table,
-            views=self.views_table(selected),
-            view_count=len(selected),
-            depth_maps=maps.texture,
             work_table=self.work.texture,
             first_group=portion.first_group,
             group_count=portion.group_count,
@@ -209,27 +212,30 @@ class MicroTriangleRasterization(DepthMapMethod):
         else:
             self._make_lists()
         self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
-        views = self.views_table(selected)
         # the rasterizer first: it knows only its own depths, while the kernel keeps the smaller one of what is there
         if self._large:
             self._rasterize_large(maps, selected)
-        for portion in self._portions:
-            if not portion.small_count:
-                continue
-            if self._gathered is not portion:
-                self._gather(portion, None)
-                self._gathered = portion
+        batch = {"views": self.views_table(selected), "view_count": len(selected), "face": self.face_table}
+        for portion in self._gathered_portions():
             self.device.compute_kernel(RASTERIZE_SMALL_TRIANGLES, *self.flags).dispatch_linear(
                 portion.small_count,
                 gathered_triangles=self.triangles.texture,
                 depth_maps=maps.texture,
-                views=views,
-                view_count=len(selected),
-                face=self.face_table,
                 triangle_count=portion.small_count,
+                **batch,
             )
         if self._may_cull_hidden(selected):
-            self._cull_hidden(maps, selected)
+            self._cull_hidden(maps, batch)
+
+    def _gathered_portions(self) -> Iterator[_Portion]:
+        """Yields portions with small triangles, each while the list holds them."""
+        for portion in self._portions:
+            if not portion.small_count:
+                continue
+            if self._gathered is not portion:
+                self._gather(portion)
+                self._gathered = portion
+            yield portion
 
     def _rasterize_large(self, maps: DepthMaps, selected: range) -> None:
         kernel = self.device.raster_kernel(RASTERIZE_DEPTH, "PLACED", *self.projection_flags)
@@ -253,22 +259,34 @@ class MicroTriangleRasterization(DepthMapMethod):
             and len(selected) == MAX_BATCH_VIEWS < self.fitted.views.view_count
         )
 
-    def _cull_hidden(self, maps: DepthMaps, selected: range) -> None:
+    def _cull_hidden(self, maps: DepthMaps, batch: dict[str, Any]) -> None:
+        """Put what the batch's views are near to seeing of all portions into one list, if that has room for it."""
         self._has_culled_hidden = True
-        everything = _Portion(0, self.work.group_count)
-        small_count, _ = self._gather_with_room(everything, (maps, selected))
-        self._gathered = None
-        # several portions would have to look at these maps again, which the next batch overwrites
-        if small_count <= self.capacity_limit:
-            self._shrink_list(small_count)
-            self._gathered = _Portion(0, self.work.group_count, small_count)
-            self._portions = [self._gathered]
-            self.kept_count = small_count
-
-    def _shrink_list(self, small_count: int) -> None:
-        """Other faces may need the memory of what is no longer in it."""
-        texel_count = max(TEXELS_PER_TRIANGLE * small_count, 1)
-        self.triangles.replace_by(self._copied(0, texel_count))
+        capacity = min(self.small_count, self.capacity_limit)
+        kept = LinearStore(self.device, TEXELS_PER_TRIANGLE * capacity)
+        kept_count = 0
+        for portion in self._gathered_portions():
+            self.device.fill(self.counters, kept_count)
+            self.device.compute_kernel(KEEP_SEEN_TRIANGLES, *self.flags).dispatch_linear(
+                portion.small_count,
+                gathered_triangles=self.triangles.texture,
+                kept_triangles=kept.texture,
+                depth_maps=maps.texture,
+                counters=self.counters,
+                triangle_count=portion.small_count,
+                triangle_capacity=capacity,
+                **batch,
+            )
+            kept_count = int(self.device.read(self.counters)[0, 0])
+        if kept_count > capacity:
+            kept.release()
+            return
+        self.triangles.replace_by(kept)
+        # other faces may need the memory of what is no longer in it
+        self.triangles.replace_by(self._copied(0, max(TEXELS_PER_TRIANGLE * kept_count, 1)))
+        self._gathered = _Portion(0, self.work.group_count, kept_count)
+        self._portions = [self._gathered]
+        self.kept_count = kept_count
 
     def _copied(self, first_texel: int, texel_count: int) -> LinearStore:
         part = LinearStore(self.device, texel_count)

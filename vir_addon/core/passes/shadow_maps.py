@@ -199,7 +199,6 @@ GATHER_TRIANGLES = ComputeDeclaration(
     textures={
         **SCENE_TEXTURES,
         "work_table": WORK_TABLE,
-        "depth_maps": Sampled("usampler2D", "complete depth maps of a batch; read with SEEN_ONLY"),
     },
     images={
         "counters": Stored("R32UI", "atomic", "texel 0: small triangles, 1: large ones"),
@@ -208,12 +207,33 @@ GATHER_TRIANGLES = ComputeDeclaration(
     constants={
         **PORTION_CONSTANTS,
         **SEEN_SPACE_CONSTANTS,
-        "view_count": VIEW_COUNT,
         "triangle_capacity": Constant("int", "triangles that the list holds"),
     },
-    tables={**SEEN_SPACE_TABLES, "face": FACE_TABLE, "views": VIEWS_TABLE},
-    flags={**ORTHOGRAPHIC_FLAG, "FRONT_FACE": FRONT_FACE, "SEEN_ONLY": "only small triangles that a batch of views is near to seeing"},
+    tables={**SEEN_SPACE_TABLES, "face": FACE_TABLE},
+    flags={**ORTHOGRAPHIC_FLAG, "FRONT_FACE": FRONT_FACE},
     defines={**SCENE_DEFINES, "SMALL_EXTENT_TEXELS": SMALL_EXTENT_TEXELS},
+)
+
+KEEP_SEEN_TRIANGLES = ComputeDeclaration(
+    name="keep_seen_triangles",
+    text="leaves out small triangles that no view of a batch is near to seeing",
+    source="keep_seen_triangles.comp.glsl",
+    local_size=(WORK_GROUP_SIZE, 1, 1),
+    textures={
+        "gathered_triangles": Sampled("sampler2D", GATHERED_TRIANGLES_TEXT),
+        "depth_maps": Sampled("usampler2D", "complete depth maps of a batch"),
+    },
+    images={
+        "counters": Stored("R32UI", "atomic", "texel 0: triangles kept"),
+        "kept_triangles": Stored("RGBA32F", "write", GATHERED_TRIANGLES_TEXT),
+    },
+    constants={
+        "view_count": VIEW_COUNT,
+        "triangle_count": Constant("int", "small triangles in the list"),
+        "triangle_capacity": Constant("int", "triangles that the new list holds"),
+    },
+    tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
+    flags={**ORTHOGRAPHIC_FLAG, "FRONT_FACE": FRONT_FACE},
 )
 
 COPY_TEXELS = ComputeDeclaration(

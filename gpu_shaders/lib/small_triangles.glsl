@@ -1,0 +1,27 @@
+// The list of small triangles: corners prepared so that a view places them with few operations (see gather_triangles.comp.glsl).
+#include "lib/view.glsl"
+
+// In texels from the map's corner. linear: what is linear on the map, 1 / depth or, of suns, depth.
+vec2 place_corner(int k, vec3 corner, out float linear) {
+#ifdef ORTHOGRAPHIC
+    linear = corner.z;
+    return corner.xy - (view_shear(k) * texels_per_tangent) * corner.z - view_window(k);
+#else
+#ifdef FRONT_FACE
+    linear = corner.z;
+    return corner.xy - (view_center(k).xy * texels_per_tangent) * corner.z - view_window(k);
+#else
+    vec3 p = corner - view_center(k);
+    linear = 1.0 / p.z;
+    return map_position(k, p);
+#endif
+#endif
+}
+
+float depth_of(float linear) {
+#ifdef ORTHOGRAPHIC
+    return linear;
+#else
+    return 1.0 / linear;
+#endif
+}
