@@ -5,7 +5,10 @@
 #include "lib/seen_space.glsl"
 
 bool is_small(vec3 corners_fs[4]) {
-    for (int k = 0; k < hull_count; k++) {
+    bool small = true;
+    int k = -1;
+    do {
+        k++;
         vec2 low = vec2(3.0e38);
         vec2 high = vec2(-3.0e38);
         for (int i = 0; i < 3; i++) {
@@ -17,18 +20,14 @@ bool is_small(vec3 corners_fs[4]) {
             vec2 at = p.xy * (texels_per_tangent / p.z);
 #endif
             // what reaches a view's near plane has to be clipped
-            if (p.z <= near_m) {
-                return false;
-            }
+            small = small && p.z > near_m;
             low = min(low, at);
             high = max(high, at);
         }
         vec2 extent = high - low;
-        if (max(extent.x, extent.y) > SMALL_EXTENT_TEXELS) {
-            return false;
-        }
-    }
-    return true;
+        small = small && max(extent.x, extent.y) <= SMALL_EXTENT_TEXELS;
+    } while (k + 1 < hull_count);
+    return small;
 }
 
 void main() {

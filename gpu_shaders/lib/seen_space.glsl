@@ -4,17 +4,18 @@
 
 // Linear in the view's centre or, of suns, direction: testing the hull's corners is exact for every view inside.
 bool faces_any_view(vec3 normal_fs, vec3 point_fs) {
-    for (int k = 0; k < hull_count; k++) {
+    bool faces = false;
+    int k = -1;
+    do {
+        k++;
 #ifdef ORTHOGRAPHIC
         vec3 towards_light = -vec3(hull[k].xy, 1.0);
 #else
         vec3 towards_light = hull[k].xyz - point_fs;
 #endif
-        if (dot(normal_fs, towards_light) > 0.0) {
-            return true;
-        }
-    }
-    return false;
+        faces = faces || dot(normal_fs, towards_light) > 0.0;
+    } while (k + 1 < hull_count);
+    return faces;
 }
 
 // Whether a convex quadrilateral or triangle (its last corner twice) is on the outer side of one of the planes.

@@ -30,7 +30,7 @@ from .views import (
 
 MAX_RECEIVER_PIXELS = 1 << 17
 """A larger picture is looked at in steps of more than a pixel."""
-MAX_RECEIVER_POINTS = 16384
+MAX_RECEIVER_POINTS = 8192
 RECEIVER_MARGIN_PX = 5.0
 """Filters reach 1.5 pixels to each side, and perspective may make the outermost pixels cover more than the mean."""
 NOTHING = np.array([1.0, -1.0, 1.0, -1.0])
