@@ -5,7 +5,7 @@
 vec2 place_corner(int k, vec3 corner, out float linear) {
 #ifdef ORTHOGRAPHIC
     linear = corner.z;
-    return corner.xy - (view_shear(k) * texels_per_tangent) * corner.z - view_window(k);
+    return corner.xy - (view_center(k).xy + view_shear(k) * corner.z) * texels_per_tangent - view_window(k);
 #else
 #ifdef FRONT_FACE
     linear = corner.z;

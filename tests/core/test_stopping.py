@@ -79,3 +79,19 @@ def test_a_stopped_render_does_not_disturb_the_next(device):
     again = render_passes(scene, device, **arguments)
     for name, image in whole.items():
         np.testing.assert_array_equal(again[name], image)
+
+
+@pytest.mark.parametrize("batches", [2, None])
+def test_passes_outlive_the_generator(device, batches):
+    """Of a loop that is left or runs to its end, the last step still has its passes: that is how everyone writes it."""
+    taken = still_life()
+    inside = None
+    steps = render(taken, plan(taken, Settings(view_count=16, map_resolution_px=64)), device)
+    for progress in steps:
+        inside = progress.passes
+        if progress.batches_done == batches:
+            break
+    steps.close()
+    assert progress.pass_set.images.keys() == inside.keys()
+    for name, image in progress.passes.items():
+        np.testing.assert_array_equal(image, inside[name])

@@ -37,7 +37,7 @@ def window_sets(draw, view_count=4):
 
 def fitted(windows, resolution_px):
     centers = np.zeros((len(windows), 3))
-    return fit_windows(FACE, centers, centers[:, :2], windows, resolution_px, 1e-3, 10.0)
+    return fit_windows(FACE, centers, centers, windows, resolution_px, 1e-3, 10.0, np.zeros(3))
 
 
 @given(windows=window_sets(), resolution_px=st.integers(16, 4096))

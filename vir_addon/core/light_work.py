@@ -171,7 +171,7 @@ class LightWork:
                 self._resolve(eye, self.store.maps(1, 1, 1), **empty, **nothing)
         if self._may_settle(batch):
             with stopwatch.stage("resolve"):
-                self.accumulator.settle()
+                self.accumulator.settle(eye.positions, eye.normals)
         self._update_statistics()
 
     def _may_settle(self, batch: int) -> bool:

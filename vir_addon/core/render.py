@@ -46,12 +46,17 @@ class Progress:
     """the largest error estimate of the passes so far; infinite while there is only one batch"""
     statistics: SetStatistics
     _renderer: Renderer = field(repr=False)
+    _kept: dict[str, np.ndarray] | None = field(default=None, repr=False)
 
     @property
     def passes(self) -> dict[str, np.ndarray]:
         """pass name -> (height, width) float32, row 0 at the bottom. Read back from the device when asked for, so ask before
-        the next step; the generator's last step can be asked until it is closed."""
-        return self._renderer.read_passes()
+        the next step; the last step can be asked after the generator has ended or been closed as well."""
+        return self._renderer.read_passes() if self._kept is None else self._kept
+
+    def keep(self) -> None:
+        """Read back what the device is about to forget."""
+        self._kept = self._renderer.read_passes()
 
     @property
     def pass_set(self) -> PassSet:
@@ -68,7 +73,7 @@ def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device) -> Generat
             device.run(renderer.render_batch, batch)
             elapsed_s = time.perf_counter() - start
             share_done = (batch + 1) / plan.batch_count
-            yield Progress(
+            progress = Progress(
                 batches_done=batch + 1,
                 batches_total=plan.batch_count,
                 views_done=round(renderer.views_total * share_done),
@@ -79,6 +84,12 @@ def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device) -> Generat
                 statistics=renderer.statistics,
                 _renderer=renderer,
             )
+            try:
+                yield progress
+            except GeneratorExit:
+                progress.keep()
+                raise
+        progress.keep()
 
 
 class Renderer:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
-from ...device.interface import Device, TextureFormat
+from ...device.interface import Device, Texture, TextureFormat
 from .tiles import Tiles
 
 TILE_PX = 16
@@ -37,7 +37,11 @@ PASS_STATES = ComputeDeclaration(
     text="tells pixels that are wholly lit, dark or background so far from the others",
     source="pass_states.comp.glsl",
     local_size=(8, 8, 1),
-    textures=SUMS_TEXTURES,
+    textures={
+        **SUMS_TEXTURES,
+        "positions": Sampled("sampler2D", "position (world space) and instance number, -1 for the background"),
+        "normals": Sampled("sampler2D", "geometric normal (world space)"),
+    },
     images={"states": Stored("R32UI", "write", "one bit a state")},
     constants={**SIZE_CONSTANTS, "batch_count": Constant("int", "batches in the sums")},
 )
@@ -67,14 +71,24 @@ class PassAccumulator:
         self.settled_batch_count = 0
         """batches in the sums of pixels that are not looked up any more; 0 as long as all are"""
 
-    def settle(self) -> None:
-        """Leave tiles out of later batches that lie in the middle of what is wholly lit, dark or background so far."""
+    def settle(self, positions: Texture, normals: Texture) -> None:
+        """Leave tiles out of later batches that lie in the middle of what is wholly lit, dark or background so far.
+
+        positions, normals: of the latest eye G-buffer. Surfaces that meet or pass each other are looked up on.
+        """
         states = self.device.create_texture(self.width, self.height, TextureFormat.R32UI)
         settled = self.device.create_texture(self.width, self.height, TextureFormat.R32UI)
         size = {"width": self.width, "height": self.height}
         groups = (-(-self.width // 8), -(-self.height // 8), 1)
         self.device.compute_kernel(PASS_STATES).dispatch(
-            groups, moments=self.moments, coverage=self.coverage, states=states, batch_count=self.batch_count, **size
+            groups,
+            moments=self.moments,
+            coverage=self.coverage,
+            positions=positions,
+            normals=normals,
+            states=states,
+            batch_count=self.batch_count,
+            **size,
         )
         self.device.compute_kernel(SETTLE_PIXELS).dispatch(groups, states=states, settled=settled, **size)
         unsettled = self.device.read(settled) == 0
