@@ -12,7 +12,7 @@ from vir_addon.core.bounds import compute_bounds, cullable_instances
 from vir_addon.core.fit import FittedFace, fit_light, light_hull, select_receivers
 from vir_addon.core.methods import depth_map_method
 from vir_addon.core.methods.base import DepthMapMethod
-from vir_addon.core.methods.ivir import PointScratch
+from vir_addon.core.methods.shared import SharedByFaces
 from vir_addon.core.passes.eye import EyePass
 from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.passes.shadow_maps import MAX_BATCH_VIEWS, DepthMaps, face_table
@@ -90,6 +90,7 @@ class Bench:
         faces, _ = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, resolution_px)
         self.fitted: FittedFace = faces[0]
         self.maps = DepthMaps(device, resolution_px, resolution_px, min(MAX_BATCH_VIEWS, view_count))
+        self.shared = SharedByFaces(device, Settings())
 
     def method(self, variant: Variant) -> DepthMapMethod:
         table = face_table(self.fitted.views, self.light)
@@ -102,7 +103,7 @@ class Bench:
             self.light,
             self.samples_m,
             variant.settings,
-            lambda: PointScratch(self.scene_data.device, variant.settings),
+            self.shared,
         )
 
     def batches(self) -> list[range]:
@@ -137,6 +138,7 @@ class Bench:
         return counts, covered
 
     def release(self) -> None:
+        self.shared.release()
         self.maps.release()
         self.scene_data.release()
 
