@@ -6,6 +6,6 @@
 bool find_pixel(out ivec2 pixel) {
     int group = linear_group();
     vec2 tile = texelFetch(tiles, linear_texel(min(group, tile_count - 1)), 0).xy;
-    pixel = ivec2(tile) * 8 + ivec2(gl_LocalInvocationID.xy);
+    pixel = ivec2(tile) * ivec2(gl_WorkGroupSize.xy) + ivec2(gl_LocalInvocationID.xy);
     return group < tile_count && pixel.x < width && pixel.y < height;
 }

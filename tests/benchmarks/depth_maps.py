@@ -11,7 +11,7 @@ import numpy as np
 from vir_addon.core.bounds import compute_bounds, cullable_instances
 from vir_addon.core.fit import FittedFace, fit_light, light_hull, select_receivers
 from vir_addon.core.methods import depth_map_method
-from vir_addon.core.methods.base import DepthMapMethod
+from vir_addon.core.methods.base import DepthMapMethod, FaceJob
 from vir_addon.core.methods.shared import SharedByFaces
 from vir_addon.core.passes.eye import EyePass
 from vir_addon.core.passes.scene_data import SceneData
@@ -94,17 +94,8 @@ class Bench:
 
     def method(self, variant: Variant) -> DepthMapMethod:
         table = face_table(self.fitted.views, self.light)
-        return depth_map_method(
-            variant.planned,
-            self.scene_data,
-            self.fitted,
-            table,
-            self.culled,
-            self.light,
-            self.samples_m,
-            variant.settings,
-            self.shared,
-        )
+        job = FaceJob(self.scene_data, self.fitted, table, self.culled, self.light, self.samples_m, variant.settings, self.shared)
+        return depth_map_method(variant.planned, job)
 
     def batches(self) -> list[range]:
         views = self.fitted.views.view_count

@@ -12,6 +12,7 @@ from tests.device.kernels import ATOMIC_MIN
 from tests.scenes import METHODS, point_light, render_pass, spot_light, sun_light
 from vir_addon.core.bounds import compute_bounds, cullable_instances
 from vir_addon.core.fit import fit_light, light_hull, select_receivers
+from vir_addon.core.methods.base import FaceJob
 from vir_addon.core.methods.ivir import ImprovedViewIndependentRasterization
 from vir_addon.core.methods.micro import MicroTriangleRasterization
 from vir_addon.core.methods.mvr import MultiviewRasterization
@@ -97,12 +98,7 @@ class Renderer:
     def fit(self, receivers):
         faces, _ = fit_light(self.snapshot, self.light, self.samples, self.bounds, receivers, MAP_SIZE_PX)
         views = faces[0].views
-        self.face = (
-            self.scene_data,
-            faces[0],
-            face_table(views, self.light),
-            cullable_instances(self.snapshot, self.bounds, light_hull(self.light, self.samples)),
-        )
+        self.fitted = faces[0]
         self.maps = DepthMaps(self.device, views.map_width_px, views.map_height_px, VIEW_COUNT)
 
     def filled(self, method):
@@ -111,20 +107,20 @@ class Renderer:
         method.release()
         return self.device.read(self.maps.texture)
 
+    def job(self, settings):
+        culled = cullable_instances(self.snapshot, self.bounds, light_hull(self.light, self.samples))
+        table = face_table(self.fitted.views, self.light)
+        shared = SharedByFaces(self.device, settings)
+        return FaceJob(self.scene_data, self.fitted, table, culled, self.light, self.samples, settings, shared)
+
     def rasterized(self):
-        return self.filled(MultiviewRasterization(*self.face))
+        return self.filled(MultiviewRasterization(self.job(Settings())))
 
     def micro(self):
-        return self.filled(
-            MicroTriangleRasterization(*self.face, self.light, self.samples, Settings(), SharedByFaces(self.device, Settings()))
-        )
+        return self.filled(MicroTriangleRasterization(self.job(Settings())))
 
     def sampled(self, settings, storage):
-        return self.filled(
-            ImprovedViewIndependentRasterization(
-                *self.face, self.light, self.samples, settings, storage, SharedByFaces(self.device, settings)
-            )
-        )
+        return self.filled(ImprovedViewIndependentRasterization(self.job(settings), storage))
 
 
 @pytest.fixture(scope="module")

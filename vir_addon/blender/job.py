@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
@@ -76,16 +77,11 @@ def _has_surface_objects(objects: Iterable[bpy.types.Object]) -> bool:
 
 def run(job: LayerJob, device: Device, on_progress: Callable[[Progress], None] | None = None) -> PassSet:
     """Render to the end. KeyboardInterrupt and errors leave nothing behind on the device."""
-    steps = render(job.snapshot, job.plan, device)
-    passes = None
-    try:
+    progress = None
+    with contextlib.closing(render(job.snapshot, job.plan, device)) as steps:
         for progress in steps:
             if on_progress is not None:
                 on_progress(progress)
-            if progress.batches_done == progress.batches_total:
-                passes = progress.pass_set
-    finally:
-        steps.close()
-    if passes is None:
-        raise RuntimeError("the render ended before its last batch")
-    return passes
+    if progress is None:
+        raise RuntimeError("the render ended before its first batch")
+    return progress.pass_set

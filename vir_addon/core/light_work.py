@@ -10,7 +10,7 @@ from ..device.interface import Device, Texture
 from .bounds import SceneBounds, cullable_instances
 from .fit import FittedFace, fit_light, light_hull, select_receivers
 from .methods import depth_map_method
-from .methods.base import DepthMapMethod
+from .methods.base import DepthMapMethod, FaceJob
 from .methods.shared import SharedByFaces
 from .pass_set import PassStatistics
 from .passes.accumulate import MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, PassAccumulator
@@ -104,18 +104,8 @@ class LightWork:
         table = face_table(fitted.views, self.light, self.reference_m)
         if not len(fitted.caster_indices):
             return fitted, table, None
-        method = depth_map_method(
-            self.planned,
-            self.scene_data,
-            fitted,
-            table,
-            culled,
-            self.light,
-            self.samples_m,
-            self.plan.settings,
-            self.store.shared,
-        )
-        return fitted, table, method
+        job = FaceJob(self.scene_data, fitted, table, culled, self.light, self.samples_m, self.plan.settings, self.store.shared)
+        return fitted, table, depth_map_method(self.planned, job)
 
     def _update_statistics(self) -> None:
         methods = [method for _, _, method in self.faces if method is not None]
@@ -136,7 +126,7 @@ class LightWork:
     @property
     def largest_batch(self) -> int:
         """views; batches may differ by one, and share their maps"""
-        return max(len(self.batch_views(batch)) for batch in range(self.plan.batch_count))
+        return -(-self.planned.view_count // self.plan.batch_count)
 
     def render_batch(self, batch: int, eye: EyePass, stopwatch: Stopwatch) -> None:
         selected = self.batch_views(batch)

@@ -6,41 +6,30 @@ portions, each generated again for each batch. `bufferless`: every batch generat
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 
 from ...device.declaration import ComputeDeclaration
 from ...device.interface import EMPTY_DEPTH_BITS
-from ..fit import FittedFace
-from ..passes.scene_data import WORK_GROUP_SIZE, SceneData
+from ..passes.scene_data import WORK_GROUP_SIZE
 from ..passes.shadow_maps import (
     BUFFER_TILES,
     BUFFER_TRIANGLES,
     CUT_PARTS,
     KEEP_SEEN_POINTS,
-    MAX_BATCH_VIEWS,
     SPLAT_POINTS,
     SPLAT_TILES,
     SPLAT_TRIANGLES,
     DepthMaps,
 )
-from ..scene import Light
-from ..settings import PointStorage, Settings
-from .base import DepthMapMethod
+from ..settings import PointStorage
+from .base import FaceJob, ReplayMethod
 from .linear_store import LinearStore
 from .seen_space import seen_space_bindings, window_bounds
-from .shared import TEXELS_PER_TILE, SharedByFaces
-
-
-class Releasable(Protocol):
-    def release(self) -> None: ...
-
-
-Resource = TypeVar("Resource", bound=Releasable)
+from .shared import TEXELS_PER_TILE
 
 TILE_CELLS = 8
 MAX_SMALL_CELLS = 32
@@ -71,34 +60,23 @@ class _Portion:
     """0: all"""
 
 
-class ImprovedViewIndependentRasterization(DepthMapMethod):
-    def __init__(
-        self,
-        scene_data: SceneData,
-        fitted: FittedFace,
-        face_table: np.ndarray,
-        culled: np.ndarray,
-        light: Light,
-        samples_m: np.ndarray,
-        settings: Settings,
-        storage: PointStorage,
-        shared: SharedByFaces,
-    ) -> None:
-        super().__init__(scene_data, fitted, face_table, culled)
-        self.settings, self.storage, self.shared = settings, storage, shared
-        scratch = shared.point_scratch
-        self.capacity_limit = shared.budget_bytes // BYTES_PER_POINT
+class ImprovedViewIndependentRasterization(ReplayMethod):
+    def __init__(self, job: FaceJob, storage: PointStorage) -> None:
+        super().__init__(job)
+        self.storage = storage
+        fitted, scratch = job.fitted, job.shared.point_scratch
+        self.capacity_limit = job.shared.budget_bytes // BYTES_PER_POINT
         self.counters, self.tiles, self.parts = scratch.counters, scratch.tiles, scratch.parts
-        seen_space = seen_space_bindings(fitted.views, light, samples_m)
+        seen_space = seen_space_bindings(fitted.views, job.light, job.samples_m)
         bounds = window_bounds(fitted.views)
         self.sampling_bindings = {
-            **scene_data.bindings,
+            **self.scene_data.bindings,
             **seen_space,
-            "face": face_table,
+            "face": self.face_table,
             "hull_box": hull_box(seen_space["hull"][:, :3], bounds),
             "window_bounds": bounds,
         }
-        self.sampling_flags = ["WATERTIGHT"] * settings.watertight + ["STOCHASTIC_CULLING"] * settings.stochastic_culling
+        self.sampling_flags = ["WATERTIGHT"] * self.settings.watertight + ["STOCHASTIC_CULLING"] * self.settings.stochastic_culling
         self.sampling_flags += self.projection_flags
         self.splat_flags = ["NEAR_SURFACES"] * (fitted.nearest_caster_m < fitted.views.light_diameter_m)
         self.splat_flags += ["FRONT_FACE"] * fitted.views.is_planar + self.projection_flags
@@ -108,36 +86,25 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
         self.buffered_point_count = 0
         self.kept_point_count = 0
         self._portions: list[_Portion] = []
-        self._has_points = self._was_dropped = False
-        self._cleanup = contextlib.ExitStack()
-
-    def _owned(self, resource: Resource) -> Resource:
-        self._cleanup.callback(resource.release)
-        return resource
-
-    def prepare(self) -> None:
-        self.device.run(self._prepare)
 
     def _prepare(self) -> None:
-        self.work = self._owned(self.scene_data.work_table(self.fitted.caster_indices, ~self.culled))
+        self.work = self.scene_data.work_table(self.fitted.caster_indices, ~self.culled)
+        self._cleanup.callback(self.work.release)
         if self.storage is PointStorage.BUFFERED:
-            self._make_points()
+            self._hold()
 
-    def _make_points(self) -> None:
+    def _make(self) -> None:
         self.points = LinearStore(self.device, min(self.capacity_limit, max(1 << 18, 4 * self.work.triangle_count)))
-        self._has_points = True
+        self._is_held = True
         self.portion_count = 1
         self._portions = self._plan_portions()
-        self.shared.touch(self)
 
     @property
     def held_bytes(self) -> int:
         return BYTES_PER_POINT * self.points.texel_count
 
-    def drop(self) -> None:
-        """Give the buffer's memory back; `fill` makes the points again."""
+    def _free(self) -> None:
         self.points.release()
-        self._has_points, self._was_dropped = False, True
         self.kept_point_count = 0
 
     # buffered
@@ -264,23 +231,16 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
 
     # batches
 
-    def fill(self, maps: DepthMaps, selected: range) -> None:
-        self.device.run(self._fill, maps, selected)
-
     def _fill(self, maps: DepthMaps, selected: range) -> None:
         self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
         outputs = {"depth_maps": maps.texture, "views": self.views_table(selected), "view_count": len(selected)}
-        if self.storage is PointStorage.BUFFERED:
-            if self._has_points:
-                self.shared.touch(self)
-            else:
-                self._make_points()
         if self.storage is PointStorage.BUFFERLESS:
             self._run_triangles(SPLAT_TRIANGLES, 0, self.work.group_count, **outputs)
             self._run_tiles(SPLAT_TILES, 0, self.tile_count, **outputs)
             counters = self.device.read(self.counters)[0]
             self.point_count, self.culled_triangle_count = int(counters[0]), int(counters[2])
             return
+        self._hold()
         for _ in self._buffer_fillings():
             self.device.compute_kernel(SPLAT_POINTS, *self.splat_flags).dispatch_linear(
                 self.buffered_point_count,
@@ -289,21 +249,11 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
                 points=self.points.texture,
                 point_count=self.buffered_point_count,
             )
-        if self._may_cull_hidden_points(selected):
+        if self.portion_count == 1 and self._may_search_hidden(selected):
             self._keep_seen_points(maps, selected)
 
-    def _may_cull_hidden_points(self, selected: range) -> bool:
-        """Once, after a batch large enough to stand for all views, and only if there is something left to gain."""
-        return (
-            self.settings.cull_hidden_points
-            and self.kept_point_count == 0
-            and self.portion_count == 1
-            # points that are made again for every batch would be searched every time
-            and not self._was_dropped
-            and len(selected) == MAX_BATCH_VIEWS < self.fitted.views.view_count
-        )
-
     def _keep_seen_points(self, maps: DepthMaps, selected: range) -> None:
+        self._has_searched_hidden = True
         kept = LinearStore(self.device, self.buffered_point_count)
         self.device.fill(self.counters, 0)
         self.device.compute_kernel(KEEP_SEEN_POINTS, *self.projection_flags).dispatch_linear(
@@ -327,9 +277,3 @@ class ImprovedViewIndependentRasterization(DepthMapMethod):
 
     def counts(self) -> dict[str, int]:
         return {"point_count": self.point_count, "kept_point_count": self.kept_point_count}
-
-    def release(self) -> None:
-        self.shared.forget(self)
-        if self._has_points:
-            self.drop()
-        self._cleanup.close()

@@ -11,7 +11,6 @@ A list too long for its memory is processed in portions, each gathered again for
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -19,23 +18,17 @@ from typing import Any
 import numpy as np
 
 from ...device.interface import EMPTY_DEPTH_BITS, DeviceMesh, Draw, TextureFormat
-from ..fit import FittedFace
-from ..passes.scene_data import SceneData
 from ..passes.shadow_maps import (
     COPY_TEXELS,
     GATHER_TRIANGLES,
     KEEP_SEEN_TRIANGLES,
-    MAX_BATCH_VIEWS,
     RASTERIZE_DEPTH,
     RASTERIZE_SMALL_TRIANGLES,
     DepthMaps,
 )
-from ..scene import Light
-from ..settings import Settings
-from .base import DepthMapMethod
+from .base import FaceJob, ReplayMethod
 from .linear_store import LinearStore
 from .seen_space import seen_space_bindings
-from .shared import SharedByFaces
 
 TEXELS_PER_TRIANGLE = 3
 BYTES_PER_TRIANGLE = 48
@@ -78,62 +71,43 @@ class _LargeTriangles:
                 yield Draw(self.mesh, 1, {"first_instance": 0}, bool(cull[start]), triangle_range)
 
 
-class MicroTriangleRasterization(DepthMapMethod):
-    def __init__(
-        self,
-        scene_data: SceneData,
-        fitted: FittedFace,
-        face_table: np.ndarray,
-        culled: np.ndarray,
-        light: Light,
-        samples_m: np.ndarray,
-        settings: Settings,
-        shared: SharedByFaces,
-    ) -> None:
-        super().__init__(scene_data, fitted, face_table, culled)
-        self.settings, self.shared = settings, shared
-        self.seen_space = seen_space_bindings(fitted.views, light, samples_m)
-        self.flags = ["FRONT_FACE"] * fitted.views.is_planar + self.projection_flags
+class MicroTriangleRasterization(ReplayMethod):
+    def __init__(self, job: FaceJob) -> None:
+        super().__init__(job)
+        self.seen_space = seen_space_bindings(job.fitted.views, job.light, job.samples_m)
+        self.flags = ["FRONT_FACE"] * job.fitted.views.is_planar + self.projection_flags
         self.small_count = 0
         self.large_count = 0
         self.kept_count = 0
         self._large: list[_LargeTriangles] = []
         self._portions: list[_Portion] = []
         self._gathered: _Portion | None = None
-        self._has_lists = self._has_culled_hidden = False
-        self.capacity_limit = max(shared.budget_bytes // BYTES_PER_TRIANGLE, FIRST_CAPACITY)
-        self._cleanup = contextlib.ExitStack()
-
-    def prepare(self) -> None:
-        self.device.run(self._prepare)
+        self.capacity_limit = max(job.shared.budget_bytes // BYTES_PER_TRIANGLE, FIRST_CAPACITY)
 
     def _prepare(self) -> None:
         self.work = self.scene_data.work_table(self.fitted.caster_indices, ~self.culled)
         self.counters = self.device.create_texture(2, 1, TextureFormat.R32UI)
         for resource in (self.work, self.counters):
             self._cleanup.callback(resource.release)
-        self._make_lists()
+        self._hold()
 
-    def _make_lists(self) -> None:
+    def _make(self) -> None:
         expected = max(min(self._expected_triangle_count, self.capacity_limit), FIRST_CAPACITY)
         self.triangles = LinearStore(self.device, TEXELS_PER_TRIANGLE * expected)
-        self._has_lists = True
+        self._is_held = True
         self._plan_portions()
         self.small_count = sum(portion.small_count for portion in self._portions)
         self.large_count = sum(large.triangle_count for large in self._large)
         self.portion_count = len(self._portions)
-        self.shared.touch(self)
 
     @property
     def held_bytes(self) -> int:
         return BYTES_PER_TRIANGLE * (self._capacity + sum(large.triangle_count for large in self._large))
 
-    def drop(self) -> None:
-        """Give the lists' memory back; `fill` makes them again."""
+    def _free(self) -> None:
         self.triangles.release()
         for large in self._large:
             large.mesh.release()
-        self._has_lists = self._has_culled_hidden = False
         self._gathered = None
         self._portions, self._large = [], []
 
@@ -203,19 +177,14 @@ class MicroTriangleRasterization(DepthMapMethod):
 
     # batches
 
-    def fill(self, maps: DepthMaps, selected: range) -> None:
-        self.device.run(self._fill, maps, selected)
-
     def _fill(self, maps: DepthMaps, selected: range) -> None:
-        if self._has_lists:
-            self.shared.touch(self)
-        else:
-            self._make_lists()
+        self._hold()
         self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
+        views = self.views_table(selected)
+        batch = {"views": views, "view_count": len(selected), "face": self.face_table}
         # the rasterizer first: it knows only its own depths, while the kernel keeps the smaller one of what is there
         if self._large:
-            self._rasterize_large(maps, selected)
-        batch = {"views": self.views_table(selected), "view_count": len(selected), "face": self.face_table}
+            self._rasterize_large(maps, selected, views)
         for portion in self._gathered_portions():
             self.device.compute_kernel(RASTERIZE_SMALL_TRIANGLES, *self.flags).dispatch_linear(
                 portion.small_count,
@@ -224,7 +193,7 @@ class MicroTriangleRasterization(DepthMapMethod):
                 triangle_count=portion.small_count,
                 **batch,
             )
-        if self._may_cull_hidden(selected):
+        if self.small_count and self._may_search_hidden(selected):
             self._cull_hidden(maps, batch)
 
     def _gathered_portions(self) -> Iterator[_Portion]:
@@ -237,10 +206,9 @@ class MicroTriangleRasterization(DepthMapMethod):
                 self._gathered = portion
             yield portion
 
-    def _rasterize_large(self, maps: DepthMaps, selected: range) -> None:
+    def _rasterize_large(self, maps: DepthMaps, selected: range, views: np.ndarray) -> None:
         kernel = self.device.raster_kernel(RASTERIZE_DEPTH, "PLACED", *self.projection_flags)
         self.device.fill(maps.target.depth, 0)
-        views = self.views_table(selected)
         width, height = self.fitted.views.map_width_px, self.fitted.views.map_height_px
         for index, view in enumerate(selected):
             seen = np.zeros(len(self.culled), bool)
@@ -250,18 +218,9 @@ class MicroTriangleRasterization(DepthMapMethod):
             placed = {"instances": self.scene_data.instances, "face": self.face_table, "views": views, "view_index": index}
             kernel.draw(maps.target, viewport, draws, **placed)
 
-    def _may_cull_hidden(self, selected: range) -> bool:
-        """Once, after a batch large enough to stand for all views, and only if there are others left to gain from it."""
-        return (
-            self.settings.cull_hidden_points
-            and not self._has_culled_hidden
-            and self.small_count > 0
-            and len(selected) == MAX_BATCH_VIEWS < self.fitted.views.view_count
-        )
-
     def _cull_hidden(self, maps: DepthMaps, batch: dict[str, Any]) -> None:
         """Put what the batch's views are near to seeing of all portions into one list, if that has room for it."""
-        self._has_culled_hidden = True
+        self._has_searched_hidden = True
         capacity = min(self.small_count, self.capacity_limit)
         kept = LinearStore(self.device, TEXELS_PER_TRIANGLE * capacity)
         kept_count = 0
@@ -301,9 +260,3 @@ class MicroTriangleRasterization(DepthMapMethod):
             "kept_small_triangle_count": self.kept_count,
             "large_triangle_count": self.large_count,
         }
-
-    def release(self) -> None:
-        self.shared.forget(self)
-        if self._has_lists:
-            self.drop()
-        self._cleanup.close()

@@ -12,9 +12,6 @@ from .base import DepthMapMethod
 
 
 class MultiviewRasterization(DepthMapMethod):
-    def fill(self, maps: DepthMaps, selected: range) -> None:
-        self.device.run(self._fill, maps, selected)
-
     def _fill(self, maps: DepthMaps, selected: range) -> None:
         kernel = self.device.raster_kernel(RASTERIZE_DEPTH, *self.projection_flags)
         target = maps.target

@@ -6,6 +6,8 @@ nothing to do.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from ...device.declaration import Constant, Sampled
@@ -33,7 +35,7 @@ class Tiles:
         self.count = len(rows)
         self.texture = device.upload_array(texels)
 
-    @property
+    @cached_property
     def wanted_px(self) -> np.ndarray:
         """(height, width) bool: pixels of the tiles"""
         height, width = self.picture_shape
