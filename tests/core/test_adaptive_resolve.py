@@ -31,7 +31,7 @@ def test_shortcut_changes_little(device, name, view_count):
         error = rmse(adaptive[pass_name], full[pass_name])
         print(f"{name} {view_count} {pass_name}: RMSE {error:.5f}")
         assert error <= 0.002
-    (share,) = settled_shares(scene, device, **arguments)
+    (share,) = settled_shares(scene, device, resolve=Resolve.ADAPTIVE, **arguments)
     print(f"settled {share:.3f}")
     assert share > (0.3 if name == "sphere" else 0.0)
 
@@ -69,8 +69,9 @@ def test_hard_shadows_keep_their_antialiased_edges(device):
     np.testing.assert_allclose(adaptive[name], full[name], atol=1e-6)
 
 
-def test_it_can_be_turned_off(device):
+def test_it_is_off_unless_asked_for(device):
+    """Behind a table, where 3 of 64 samples of a window reach, the first 16 may all be dark."""
     scene = scene_named("sphere")
-    assert settled_shares(scene, device, resolve=Resolve.FULL) == [0.0]
+    assert settled_shares(scene, device) == settled_shares(scene, device, resolve=Resolve.FULL) == [0.0]
     with prepared_renderer(scene, device) as renderer:
         assert renderer.works[0].accumulator.settled_batch_count == 0
