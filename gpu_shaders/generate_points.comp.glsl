@@ -1,6 +1,6 @@
 // View-independent rasterization of triangles into points: a point for every cell of a lattice in the triangle's plane
 // that the triangle touches. FROM_TRIANGLES walks the scene and leaves what has many cells as parts; FROM_PARTS cuts parts into
-// smaller ones, as often as it takes, and into tiles for FROM_TILES.
+// smaller ones, as often as it takes, and into tiles for FROM_TILES. With LIST_LARGE what takes many points is listed for the rasterizer.
 // INTO_BUFFER appends points, INTO_MAPS splats them as they come.
 #include "lib/scene_data.glsl"
 #include "lib/linear_invocation.glsl"
@@ -28,7 +28,8 @@ struct Cells {
     int count_y;
 };
 
-void emit_points(AlignedTriangle t, Cells cells) {
+// A bit for every cell that the triangle touches, row by row.
+uint touched_cells(AlignedTriangle t, Cells cells) {
     vec2 half_size = 0.5 * cells.size;
     uint touched = 0u;
     uint bit = 1u;
@@ -40,6 +41,10 @@ void emit_points(AlignedTriangle t, Cells cells) {
             bit <<= 1u;
         }
     }
+    return touched;
+}
+
+void emit_points(AlignedTriangle t, Cells cells, uint touched) {
     uint count = uint(bitCount(touched));
     if (count == 0u) {
         return;
@@ -88,6 +93,7 @@ float spacing_for(vec2 density) {
 #endif
 }
 
+#ifndef LIST_LARGE
 void append_part(int instance, int triangle, vec2 low, vec2 size) {
     uint index = imageAtomicAdd(counters, ivec2(3, 0), 1u);
     if (index < uint(part_capacity)) {
@@ -95,6 +101,7 @@ void append_part(int instance, int triangle, vec2 low, vec2 size) {
         imageStore(parts, linear_texel(2 * int(index) + 1), vec4(low, size));
     }
 }
+#endif
 #endif
 
 #ifdef FROM_PARTS
@@ -162,6 +169,17 @@ void main() {
 #endif
 
 #ifdef FROM_TRIANGLES
+#ifdef LIST_LARGE
+void append_large(AlignedTriangle t, int instance) {
+    int index = int(imageAtomicAdd(counters, ivec2(3, 0), 1u));
+    if (index < large_capacity) {
+        for (int i = 0; i < 3; i++) {
+            // the other way round, as a rasterizer wants them
+            imageStore(large_triangles, linear_texel(3 * index + i), vec4(t.corner_fs[i == 0 ? 0 : 3 - i], float(instance)));
+        }
+    }
+}
+#else
 void append_parts(AlignedTriangle t, int instance, int triangle, vec2 low, vec2 high) {
     // u runs along the longest edge: square parts lie side by side
     vec2 extent = high - low;
@@ -171,6 +189,7 @@ void append_parts(AlignedTriangle t, int instance, int triangle, vec2 low, vec2 
         append_part(instance, triangle, low + vec2(size.x * float(k), 0.0), size);
     }
 }
+#endif
 
 void main() {
     int group = linear_group();
@@ -219,10 +238,23 @@ void main() {
     vec2 counts = max(ceil((high - low) / spacing), 1.0);
     if (counts.x * counts.y <= float(MAX_SMALL_CELLS)) {
         vec2 cell = (high - low) / counts;
-        emit_points(t, Cells(low + 0.5 * cell, cell, int(counts.x), int(counts.y)));
-    } else {
-        append_parts(t, instance_index, triangle_index, low, high);
+        Cells cells = Cells(low + 0.5 * cell, cell, int(counts.x), int(counts.y));
+        uint touched = touched_cells(t, cells);
+#ifdef LIST_LARGE
+        if (bitCount(touched) <= points_of_small) {
+            emit_points(t, cells, touched);
+            return;
+        }
+#else
+        emit_points(t, cells, touched);
+        return;
+#endif
     }
+#ifdef LIST_LARGE
+    append_large(t, instance_index);
+#else
+    append_parts(t, instance_index, triangle_index, low, high);
+#endif
 }
 #endif
 
@@ -242,6 +274,7 @@ void main() {
     InstanceData instance = load_instance(int(owner.x));
     AlignedTriangle t = load_aligned(instance, load_triangle(instance, int(owner.y)));
     vec2 first_center = place.xy + place.zw * vec2(0.5, float(row) + 0.5);
-    emit_points(t, Cells(first_center, place.zw, int(owner.z), 1));
+    Cells cells = Cells(first_center, place.zw, int(owner.z), 1);
+    emit_points(t, cells, touched_cells(t, cells));
 }
 #endif

@@ -21,11 +21,8 @@ const float CONTACT_FOOTPRINTS = 16.0;
 const float COPLANAR_FOOTPRINTS = 1.0 / 64.0;  // several times what the rasterizer's snapping of corners to 1/256 texel moves a plane
 // How high above the tangent plane a stored point may lie and still be the receiver: curvature within a texel, as an angle, and ...
 const float BIAS_ANGLE = 1.0 / 48.0;
-#ifdef POINT_MAPS
-const float BIAS_FOOTPRINTS = 1.0 / 4.0;  // ... planes of facets that points carry past the facets' edges, half a texel
-#else
-const float BIAS_FOOTPRINTS = 1.0 / 12.0;  // ... facets of about a texel
-#endif
+const float POINT_BIAS_FOOTPRINTS = 1.0 / 4.0;  // ... planes of facets that points carry past the facets' edges, half a texel
+const float RASTER_BIAS_FOOTPRINTS = 1.0 / 12.0;  // ... facets of about a texel
 
 #ifdef ORTHOGRAPHIC
 #define ray_direction(k) (samples[k].xyz)
@@ -118,11 +115,23 @@ float stored_depth(ivec2 address) {
     return uintBitsToFloat(texelFetch(depth_maps, address, 0).x);
 }
 
+// Whether a point wrote what a texel stores: then its outline reaches half a texel too far.
+bool is_of_point(float depth) {
+#ifdef MIXED_MAPS
+    return (floatBitsToUint(depth) & 1u) != 0u;
+#elif defined(POINT_MAPS)
+    return true;
+#else
+    return false;
+#endif
+}
+
 // Whether what a texel stores leaves a receiver at depth z in sight. height: of the stored point above the receiver's tangent plane.
 bool leaves_in_sight(float depth, float height, float z, float footprint) {
     float reach = MAX_NEARER_FOOTPRINTS * footprint;
     float rounding = depth_rounding(z);
-    float tolerance = BIAS_FOOTPRINTS * footprint + BIAS_ANGLE * min(abs(depth - z), reach) + rounding;
+    float bias_footprints = is_of_point(depth) ? POINT_BIAS_FOOTPRINTS : RASTER_BIAS_FOOTPRINTS;
+    float tolerance = bias_footprints * footprint + BIAS_ANGLE * min(abs(depth - z), reach) + rounding;
     bool is_plane = height <= tolerance && (depth >= z - reach || abs(height) <= COPLANAR_FOOTPRINTS * footprint + rounding);
     return is_plane || depth >= z + MAX_DEEPER_FOOTPRINTS * footprint;
 }
@@ -194,11 +203,7 @@ int sight(int k, vec3 p, vec3 normal_fs) {
     if (leaves_in_sight(own.depth, own.height, p.z, own.footprint)) {
         return SEEN;
     }
-#ifdef POINT_MAPS
-    return UNDECIDED;
-#else
-    return own.depth > p.z - CONTACT_FOOTPRINTS * own.footprint ? UNDECIDED : HIDDEN;
-#endif
+    return is_of_point(own.depth) || own.depth > p.z - CONTACT_FOOTPRINTS * own.footprint ? UNDECIDED : HIDDEN;
 }
 
 // Whether a point is seen that its own texel left undecided.
@@ -213,9 +218,10 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs) {
     float depth_x = stored_depth(own.address + ivec2(toward.x, 0));
     float depth_y = stored_depth(own.address + ivec2(0, toward.y));
     float depth_xy = stored_depth(own.address + toward);
-    bool at_outline = leaves_in_sight(depth_x, height_of(own, depth_x, facing_step.x), p.z, own.footprint) ||
-                      leaves_in_sight(depth_y, height_of(own, depth_y, facing_step.y), p.z, own.footprint) ||
-                      leaves_in_sight(depth_xy, height_of(own, depth_xy, facing_step.x + facing_step.y), p.z, own.footprint);
+    bool at_outline = is_of_point(own.depth) &&
+                      (leaves_in_sight(depth_x, height_of(own, depth_x, facing_step.x), p.z, own.footprint) ||
+                       leaves_in_sight(depth_y, height_of(own, depth_y, facing_step.y), p.z, own.footprint) ||
+                       leaves_in_sight(depth_xy, height_of(own, depth_xy, facing_step.x + facing_step.y), p.z, own.footprint));
     if (own.depth <= p.z - contact) {
         return at_outline;
     }

@@ -18,7 +18,8 @@ from vir_addon.device.interface import Device
 
 CENTRES_ONLY = PixelFilter(FilterShape.BOX, 0.0)
 """every eye sample at the pixel's centre: what a float64 computation can repeat exactly"""
-METHODS = (Method.MVR, Method.IVIR, Method.MICRO)
+METHODS = (Method.MVR, Method.IVIR, Method.MICRO, Method.HYBRID)
+"""those that promise the rasterizer's picture, of all kinds of light and on both devices"""
 
 
 # shapes

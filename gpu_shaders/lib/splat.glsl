@@ -14,6 +14,9 @@ void write_depth(int k, ivec2 texel, float z, vec3 normal_fs, float plane_offset
     float plane_depth = plane.x / (abs(plane.y) > 1e-6 ? plane.y : 1e-6);
     float nearest = max(z - MAX_SHIFT_NEARER_FOOTPRINTS * footprint, near_m);
     uint bits = floatBitsToUint(clamp(plane_depth, nearest, z + MAX_SHIFT_DEEPER_FOOTPRINTS * footprint));
+#ifdef MIXED_MAPS
+    bits |= 1u;
+#endif
     ivec2 address = ivec2(texel.x, texel.y + view_first_row(k));
     // most points are hidden or repeat a texel: looking first is cheaper than an atomic
     if (imageLoad(depth_maps, address).x > bits) {

@@ -25,7 +25,7 @@ from .options import Options
 
 LOG_WIDTH = 160
 """characters of a line where there is no terminal to ask"""
-BENCHMARKS = ("depth_maps", "whole_render", "memory", "accuracy")
+BENCHMARKS = ("depth_maps", "hybrid_threshold", "whole_render", "memory", "accuracy")
 
 
 def parse_options() -> tuple[Options, list[str]]:

@@ -65,7 +65,7 @@ def variants(view_count: int, resolution_px: int) -> list[Variant]:
         planned = PlannedPass("", "", True, "", method, points, view_count, resolution_px)
         return Variant(name, planned, Settings(view_count=view_count, map_resolution_px=resolution_px, **choices))
 
-    found = [variant(BASELINE, Method.MVR), variant("micro", Method.MICRO)]
+    found = [variant(BASELINE, Method.MVR), variant("micro", Method.MICRO), variant("hybrid", Method.HYBRID, PointStorage.BUFFERED)]
     for points, is_watertight, is_culled in itertools.product(PointStorage, (True, False), (True, False)):
         density, culling = "watertight" if is_watertight else "published", "culling" if is_culled else "no culling"
         name = f"ivir {points.value}, {density}, {culling}"

@@ -105,6 +105,8 @@ HOW = {
     "micro": {"method": Method.MICRO},
     "buffered": {"method": Method.IVIR},
     "bufferless": {"method": Method.IVIR, "points": PointStorage.BUFFERLESS},
+    "hybrid": {"method": Method.HYBRID},
+    "hybrid bufferless": {"method": Method.HYBRID, "points": PointStorage.BUFFERLESS},
 }
 
 

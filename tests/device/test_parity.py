@@ -13,6 +13,7 @@ from tests.scenes import METHODS, point_light, render_pass, spot_light, sun_ligh
 from vir_addon.core.bounds import compute_bounds, cullable_instances
 from vir_addon.core.fit import fit_light, light_hull, select_receivers
 from vir_addon.core.methods.base import FaceJob
+from vir_addon.core.methods.hybrid import HybridRasterization
 from vir_addon.core.methods.ivir import ImprovedViewIndependentRasterization
 from vir_addon.core.methods.micro import MicroTriangleRasterization
 from vir_addon.core.methods.mvr import MultiviewRasterization
@@ -119,8 +120,8 @@ class Renderer:
     def micro(self):
         return self.filled(MicroTriangleRasterization(self.job(Settings())))
 
-    def sampled(self, settings, storage):
-        return self.filled(ImprovedViewIndependentRasterization(self.job(settings), storage))
+    def sampled(self, settings, storage, method=ImprovedViewIndependentRasterization):
+        return self.filled(method(self.job(settings), storage))
 
 
 @pytest.fixture(scope="module")
@@ -164,6 +165,15 @@ def test_micro_triangle_depth_maps_agree(renderers):
 def test_sampled_depth_maps_agree(renderers, storage, watertight):
     settings = Settings(watertight=watertight)
     assert_same_depths(*[renderer.sampled(settings, storage) for renderer in renderers])
+
+
+@pytest.mark.parametrize("storage", PointStorage)
+def test_hybrid_depth_maps_agree(renderers, storage):
+    """At this threshold about half of the sphere's triangles are points."""
+    settings = Settings(small_triangle_points=12)
+    found = [renderer.sampled(settings, storage, HybridRasterization) for renderer in renderers]
+    assert_same_depths(*found)
+    assert 0.1 < (found[0][found[0] != EMPTY_DEPTH_BITS] & 1).mean() < 0.9
 
 
 def test_a_device_repeats_itself(renderers):

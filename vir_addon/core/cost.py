@@ -85,13 +85,13 @@ def _estimate_instances(snapshot: SceneSnapshot, light: Light, settings: Setting
     return _InstanceEstimates(counts, facing, statistics[:, 0] * (scale / texel) ** 2, statistics[:, 1] * scale / texel)
 
 
-def _point_count(estimates: _InstanceEstimates, settings: Settings) -> float:
-    """Points of one generation: every triangle touches its area plus half its perimeter in lattice cells, and one more."""
+def _point_counts(estimates: _InstanceEstimates, settings: Settings) -> np.ndarray:
+    """(instance_count,) mean points of a triangle: it touches its area plus half its perimeter in lattice cells, and one more."""
     points_per_texel = POINTS_PER_TEXEL if settings.watertight else 1.0
     area, perimeter = estimates.texel_area * points_per_texel, estimates.texel_perimeter * np.sqrt(points_per_texel)
     all_area = float((estimates.triangle_count * area).sum())
     visible = min(1.0, MAX_LAYERS * POINTS_PER_TEXEL * settings.map_resolution_px**2 / max(all_area, 1.0))
-    return float((estimates.triangle_count * estimates.facing * (1 + perimeter / 4 + area * visible)).sum())
+    return 1 + perimeter / 4 + area * visible
 
 
 def estimate_methods(
@@ -118,8 +118,19 @@ def estimate_methods(
         + (large * RASTER_NS_PER_TRIANGLE + face_count * RASTER_NS_PER_DRAW + texels * RASTER_NS_PER_TEXEL if large else 0.0)
     )
 
-    points = _point_count(estimates, settings)
+    point_counts = _point_counts(estimates, settings)
     generations = 1 if settings.points is PointStorage.BUFFERED else max(1, view_count // 8)
-    ivir_ns = generations * (face_count * triangles * GENERATE_NS_PER_TRIANGLE + points * GENERATE_NS_PER_POINT)
-    ivir_ns += view_count * (points * SPLAT_NS_PER_POINT + texels * CLEAR_NS_PER_TEXEL)
-    return {Method.MVR: raster_ns * 1e-6, Method.MICRO: micro_ns * 1e-6, Method.IVIR: ivir_ns * 1e-6}
+
+    def points_ns(becomes_points: np.ndarray) -> float:
+        points = float((facing * point_counts)[becomes_points].sum())
+        walk_ns = generations * (face_count * triangles * GENERATE_NS_PER_TRIANGLE + points * GENERATE_NS_PER_POINT)
+        return walk_ns + view_count * (points * SPLAT_NS_PER_POINT + texels * CLEAR_NS_PER_TEXEL)
+
+    few_points = point_counts <= settings.small_triangle_points
+    rasterized = float(facing[~few_points].sum())
+    hybrid_ns = points_ns(few_points) + view_count * (
+        rasterized * RASTER_NS_PER_TRIANGLE + face_count * RASTER_NS_PER_DRAW + texels * RASTER_NS_PER_TEXEL if rasterized else 0.0
+    )
+    ivir_ns = points_ns(np.ones_like(few_points))
+    nanoseconds = {Method.MVR: raster_ns, Method.MICRO: micro_ns, Method.IVIR: ivir_ns, Method.HYBRID: hybrid_ns}
+    return {method: ns * 1e-6 for method, ns in nanoseconds.items()}

@@ -57,9 +57,7 @@ class LightWork:
         self.samples_m = light_samples(self.light, planned.view_count)
         self.sample_weights = sample_weights(self.light, self.samples_m)
         self.accumulator = PassAccumulator(self.device, snapshot.width_px, snapshot.height_px)
-        self.resolve_flags: list[str] = []
-        if planned.method.uses_points:
-            self.resolve_flags.append("POINT_MAPS")
+        self.resolve_flags = list(planned.method.resolve_flags)
         if self.light.shape.is_omni:
             self.resolve_flags += ["OMNI"] + ["SPHERE"] * (planned.view_count > 1) + ["CONE"] * (self.light.shape is LightShape.SPOT)
         if self.light.shape is LightShape.SUN:

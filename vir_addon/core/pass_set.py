@@ -56,13 +56,13 @@ class PassStatistics:
     pass_name: str
     light_name: str
     method: str
-    """'mvr', 'micro', 'ivir buffered', 'ivir bufferless' or 'none' (nothing to do; `reason` says why)"""
+    """the method's name, with 'buffered' or 'bufferless' if it has points, or 'none' (nothing to do; `reason` says why)"""
     reason: str
     view_count: int = 0
     face_count: int = 0
     map_resolution_px: int = 0
     point_count: int = 0
-    """points generated for one replay of all views; 0 but for ivir"""
+    """points generated for one replay of all views; 0 for methods without points"""
     kept_point_count: int = 0
     """points replayed after the first batch of views has found the others hidden; 0 when none were left out"""
     small_triangle_count: int = 0
@@ -70,7 +70,7 @@ class PassStatistics:
     kept_small_triangle_count: int = 0
     """of these, replayed after the first batch of views has found the others hidden; 0 when none were left out"""
     large_triangle_count: int = 0
-    """triangles that the hardware rasterizer draws for all views; 0 but for micro"""
+    """triangles that the hardware rasterizer draws for all views; 0 but for micro and hybrid"""
     caster_triangle_count: int = 0
     portion_count: int = 1
     """more than 1: the buffer was too small for all points or triangles at once"""

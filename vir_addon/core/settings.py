@@ -13,11 +13,19 @@ class Method(enum.Enum):
     MVR = "mvr"
     IVIR = "ivir"
     MICRO = "micro"
+    HYBRID = "hybrid"
 
     @property
     def uses_points(self) -> bool:
         """Whether maps are splatted from points, which enlarges outlines by half a texel."""
-        return self is Method.IVIR
+        return self in (Method.IVIR, Method.HYBRID)
+
+    @property
+    def resolve_flags(self) -> tuple[str, ...]:
+        """How RESOLVE has to look at the maps."""
+        if self is Method.HYBRID:
+            return ("POINT_MAPS", "MIXED_MAPS")
+        return ("POINT_MAPS",) if self.uses_points else ()
 
 
 class PointStorage(enum.Enum):
@@ -48,6 +56,8 @@ class Settings:
     """after the first batch of views, leave out points that none of its views is near to seeing (buffered points only)"""
     watertight: bool = True
     """point spacing that leaves no texel empty (covering radius) instead of the published one point per pixel area"""
+    small_triangle_points: int = 8
+    """hybrid: triangles that take more points are rasterized, those of more than 32 cells always"""
     point_buffer_mib: int = 256
     """memory for the points of all lights; what does not fit is processed in portions, or made again when its turn comes"""
 
@@ -56,5 +66,7 @@ class Settings:
             raise UsageError(f"views must be 1 to 4096, not {self.view_count}")
         if not 16 <= self.map_resolution_px <= 8192:
             raise UsageError(f"the map resolution must be 16 to 8192, not {self.map_resolution_px}")
+        if not 0 <= self.small_triangle_points <= 32:
+            raise UsageError(f"a small triangle may have 0 to 32 points, not {self.small_triangle_points}")
         if self.point_buffer_mib < 1:
             raise UsageError("the point buffer needs at least 1 MiB")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from ..plan import PlannedPass
 from ..settings import Method
 from .base import DepthMapMethod, FaceJob
+from .hybrid import HybridRasterization
 from .ivir import ImprovedViewIndependentRasterization
 from .micro import MicroTriangleRasterization
 from .mvr import MultiviewRasterization
@@ -17,4 +18,6 @@ def depth_map_method(planned: PlannedPass, job: FaceJob) -> DepthMapMethod:
         return MicroTriangleRasterization(job)
     if planned.points is None:
         raise ValueError(f"{planned.method.value} needs a point storage")
+    if planned.method is Method.HYBRID:
+        return HybridRasterization(job, planned.points)
     return ImprovedViewIndependentRasterization(job, planned.points)

@@ -61,6 +61,9 @@ class _Portion:
 
 
 class ImprovedViewIndependentRasterization(ReplayMethod):
+    buffer_triangles = BUFFER_TRIANGLES
+    splat_triangles = SPLAT_TRIANGLES
+
     def __init__(self, job: FaceJob, storage: PointStorage) -> None:
         super().__init__(job)
         self.storage = storage
@@ -138,7 +141,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
     def _generate_into_buffer(self, portion: _Portion) -> tuple[int, int]:
         """Returns how many points there are (more than the buffer holds: the rest is lost) and triangles culled."""
         outputs = {"points": self.points.texture, "point_capacity": self.points.texel_count}
-        self._run_triangles(BUFFER_TRIANGLES, portion.first_group, portion.group_count, **outputs)
+        self._run_triangles(self.buffer_triangles, portion.first_group, portion.group_count, **outputs)
         self._run_tiles(BUFFER_TILES, 0, self.tile_count, **outputs)
         counters = self.device.read(self.counters)[0]
         self.buffered_point_count = int(counters[0])
@@ -155,7 +158,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
                 yield
                 continue
             outputs = {"points": self.points.texture, "point_capacity": self.points.texel_count}
-            self._run_triangles(BUFFER_TRIANGLES, portion.first_group, portion.group_count, **outputs)
+            self._run_triangles(self.buffer_triangles, portion.first_group, portion.group_count, **outputs)
             # tiles come in another order each time they are found, so they are counted off within one finding
             for first_tile in range(0, self.tile_count, portion.tiles_at_once):
                 if first_tile:
@@ -176,19 +179,23 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
                 first_group=first_group,
                 group_count=group_count,
                 counters=self.counters,
-                parts=self.parts.texture,
-                part_capacity=self.parts.texel_count // TEXELS_PER_TILE,
+                **self._large_outputs(),
             )
-            if self._cut_parts():
+            if self._finish_large():
                 return
 
-    def _cut_parts(self) -> bool:
+    def _large_outputs(self) -> dict[str, Any]:
+        """Where triangles of many cells go."""
+        return {"parts": self.parts.texture, "part_capacity": self.parts.texel_count // TEXELS_PER_TILE}
+
+    def _finish_large(self) -> bool:
         """Cut parts until only tiles are left. False when a list was too small: it has grown, and its content is lost."""
         kernel = self.device.compute_kernel(CUT_PARTS, *self.sampling_flags)
         done = 0
         for cut in range(MAX_CUTS + 1):
             _, self.tile_count, _, part_count = (int(count) for count in self.device.read(self.counters)[0])
-            fits = [self._fits(store, count) for store, count in ((self.tiles, self.tile_count), (self.parts, part_count))]
+            lists = ((self.tiles, self.tile_count), (self.parts, part_count))
+            fits = [self._fits(store, TEXELS_PER_TILE, count) for store, count in lists]
             if not all(fits):
                 return False
             if part_count == done:
@@ -209,10 +216,10 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         return True
 
     @staticmethod
-    def _fits(store: LinearStore, count: int) -> bool:
-        if TEXELS_PER_TILE * count <= store.texel_count:
+    def _fits(store: LinearStore, texels_each: int, count: int) -> bool:
+        if texels_each * count <= store.texel_count:
             return True
-        store.reserve(TEXELS_PER_TILE * 2 * count)
+        store.reserve(texels_each * 2 * count)
         return False
 
     def _flags_of(self, declaration: ComputeDeclaration) -> list[str]:
@@ -231,16 +238,22 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
 
     # batches
 
-    def _fill(self, maps: DepthMaps, selected: range) -> None:
+    def _clear(self, maps: DepthMaps, selected: range, views: np.ndarray) -> None:
+        """Make the maps ready for points. views: rows of `views_table` of the selected views"""
         self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
-        outputs = {"depth_maps": maps.texture, "views": self.views_table(selected), "view_count": len(selected)}
+
+    def _fill(self, maps: DepthMaps, selected: range) -> None:
+        if self.storage is PointStorage.BUFFERED:
+            self._hold()
+        views = self.views_table(selected)
+        self._clear(maps, selected, views)
+        outputs = {"depth_maps": maps.texture, "views": views, "view_count": len(selected)}
         if self.storage is PointStorage.BUFFERLESS:
-            self._run_triangles(SPLAT_TRIANGLES, 0, self.work.group_count, **outputs)
+            self._run_triangles(self.splat_triangles, 0, self.work.group_count, **outputs)
             self._run_tiles(SPLAT_TILES, 0, self.tile_count, **outputs)
             counters = self.device.read(self.counters)[0]
             self.point_count, self.culled_triangle_count = int(counters[0]), int(counters[2])
             return
-        self._hold()
         for _ in self._buffer_fillings():
             self.device.compute_kernel(SPLAT_POINTS, *self.splat_flags).dispatch_linear(
                 self.buffered_point_count,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ...device.interface import LINEAR_TEXTURE_WIDTH, Device, Texture, TextureFormat
 from ..errors import DeviceError
+from ..passes.shadow_maps import COPY_TEXELS
 
 
 class LinearStore:
@@ -27,6 +28,14 @@ class LinearStore:
     def replace_by(self, other: LinearStore) -> None:
         self.texture.release()
         self.texture, self.texel_count = other.texture, other.texel_count
+
+    def copied(self, first_texel: int, texel_count: int) -> LinearStore:
+        """A part of it as a list of its own."""
+        part = LinearStore(self.device, texel_count)
+        self.device.compute_kernel(COPY_TEXELS).dispatch_linear(
+            texel_count, original=self.texture, copied=part.texture, first_texel=first_texel, texel_count=texel_count
+        )
+        return part
 
     def release(self) -> None:
         self.texture.release()

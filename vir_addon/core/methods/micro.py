@@ -17,21 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from ...device.interface import EMPTY_DEPTH_BITS, DeviceMesh, Draw, TextureFormat
-from ..passes.shadow_maps import (
-    COPY_TEXELS,
-    GATHER_TRIANGLES,
-    KEEP_SEEN_TRIANGLES,
-    RASTERIZE_DEPTH,
-    RASTERIZE_SMALL_TRIANGLES,
-    DepthMaps,
-)
+from ...device.interface import EMPTY_DEPTH_BITS, TextureFormat
+from ..passes.shadow_maps import GATHER_TRIANGLES, KEEP_SEEN_TRIANGLES, RASTERIZE_SMALL_TRIANGLES, DepthMaps
 from .base import FaceJob, ReplayMethod
+from .large_triangles import BYTES_PER_TRIANGLE, TEXELS_PER_TRIANGLE, LargeTriangles
 from .linear_store import LinearStore
 from .seen_space import seen_space_bindings
 
-TEXELS_PER_TRIANGLE = 3
-BYTES_PER_TRIANGLE = 48
 FIRST_CAPACITY = 1 << 14
 
 
@@ -44,33 +36,6 @@ class _Portion:
     small_count: int = 0
 
 
-@dataclass(frozen=True)
-class _LargeTriangles:
-    """Large triangles on the device, sorted by instance."""
-
-    mesh: DeviceMesh
-    instances: np.ndarray
-    """(n,) int64 instance numbers"""
-    first: np.ndarray
-    """(n,) int64: the first triangle of each"""
-    count: np.ndarray
-    """(n,) int64: how many each has"""
-
-    @property
-    def triangle_count(self) -> int:
-        return self.mesh.triangle_count
-
-    def draws(self, seen: np.ndarray, culled: np.ndarray) -> Iterator[Draw]:
-        """seen, culled: (instance_count,) bool, which instances to draw and which without back faces. Neighbours share a draw."""
-        chosen = seen[self.instances]
-        first, count, cull = self.first[chosen], self.count[chosen], culled[self.instances[chosen]]
-        starts = np.flatnonzero(np.r_[True, (first[1:] != first[:-1] + count[:-1]) | (cull[1:] != cull[:-1])])
-        if len(first):
-            for start, triangle_count in zip(starts, np.add.reduceat(count, starts), strict=True):
-                triangle_range = (int(first[start]), int(triangle_count))
-                yield Draw(self.mesh, 1, {"first_instance": 0}, bool(cull[start]), triangle_range)
-
-
 class MicroTriangleRasterization(ReplayMethod):
     def __init__(self, job: FaceJob) -> None:
         super().__init__(job)
@@ -79,7 +44,7 @@ class MicroTriangleRasterization(ReplayMethod):
         self.small_count = 0
         self.large_count = 0
         self.kept_count = 0
-        self._large: list[_LargeTriangles] = []
+        self._large = LargeTriangles(self)
         self._portions: list[_Portion] = []
         self._gathered: _Portion | None = None
         self.capacity_limit = max(job.shared.budget_bytes // BYTES_PER_TRIANGLE, FIRST_CAPACITY)
@@ -97,19 +62,18 @@ class MicroTriangleRasterization(ReplayMethod):
         self._is_held = True
         self._plan_portions()
         self.small_count = sum(portion.small_count for portion in self._portions)
-        self.large_count = sum(large.triangle_count for large in self._large)
+        self.large_count = self._large.triangle_count
         self.portion_count = len(self._portions)
 
     @property
     def held_bytes(self) -> int:
-        return BYTES_PER_TRIANGLE * (self._capacity + sum(large.triangle_count for large in self._large))
+        return BYTES_PER_TRIANGLE * (self._capacity + self._large.triangle_count)
 
     def _free(self) -> None:
         self.triangles.release()
-        for large in self._large:
-            large.mesh.release()
+        self._large.release()
         self._gathered = None
-        self._portions, self._large = [], []
+        self._portions = []
 
     @property
     def _expected_triangle_count(self) -> int:
@@ -128,8 +92,7 @@ class MicroTriangleRasterization(ReplayMethod):
                 first = portion.first_group
                 pending += [_Portion(first + half, portion.group_count - half), _Portion(first, half)]
                 continue
-            if large_count:
-                self._upload_large(large_count)
+            self._large.add(self.triangles, TEXELS_PER_TRIANGLE * (self._capacity - large_count), large_count)
             self._gathered = _Portion(portion.first_group, portion.group_count, small_count)
             self._portions.append(self._gathered)
 
@@ -163,18 +126,6 @@ class MicroTriangleRasterization(ReplayMethod):
         small_count, large_count = (int(count) for count in self.device.read(self.counters)[0])
         return small_count, large_count
 
-    def _upload_large(self, count: int) -> None:
-        texel_count = TEXELS_PER_TRIANGLE * count
-        part = self._copied(TEXELS_PER_TRIANGLE * self._capacity - texel_count, texel_count)
-        triangles = self.device.read(part.texture).reshape(-1, 4)[:texel_count].reshape(count, 3, 4)
-        part.release()
-        instance = triangles[:, 0, 3].astype(np.int64)
-        order = np.argsort(instance, kind="stable")
-        corners = triangles[order][:, :, :3].reshape(-1, 3)
-        mesh = self.device.upload_mesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
-        instances, first = np.unique(instance[order], return_index=True)
-        self._large.append(_LargeTriangles(mesh, instances, first, np.diff(first, append=count)))
-
     # batches
 
     def _fill(self, maps: DepthMaps, selected: range) -> None:
@@ -183,8 +134,7 @@ class MicroTriangleRasterization(ReplayMethod):
         views = self.views_table(selected)
         batch = {"views": views, "view_count": len(selected), "face": self.face_table}
         # the rasterizer first: it knows only its own depths, while the kernel keeps the smaller one of what is there
-        if self._large:
-            self._rasterize_large(maps, selected, views)
+        self._large.rasterize(maps, selected, views)
         for portion in self._gathered_portions():
             self.device.compute_kernel(RASTERIZE_SMALL_TRIANGLES, *self.flags).dispatch_linear(
                 portion.small_count,
@@ -205,18 +155,6 @@ class MicroTriangleRasterization(ReplayMethod):
                 self._gather(portion)
                 self._gathered = portion
             yield portion
-
-    def _rasterize_large(self, maps: DepthMaps, selected: range, views: np.ndarray) -> None:
-        kernel = self.device.raster_kernel(RASTERIZE_DEPTH, "PLACED", *self.projection_flags)
-        self.device.fill(maps.target.depth, 0)
-        width, height = self.fitted.views.map_width_px, self.fitted.views.map_height_px
-        for index, view in enumerate(selected):
-            seen = np.zeros(len(self.culled), bool)
-            seen[self.fitted.caster_indices[self.fitted.seen_by_view[view]]] = True
-            draws = [draw for large in self._large for draw in large.draws(seen, self.culled)]
-            viewport = (0, index * height, width, height)
-            placed = {"instances": self.scene_data.instances, "face": self.face_table, "views": views, "view_index": index}
-            kernel.draw(maps.target, viewport, draws, **placed)
 
     def _cull_hidden(self, maps: DepthMaps, batch: dict[str, Any]) -> None:
         """Put what the batch's views are near to seeing of all portions into one list, if that has room for it."""
@@ -242,17 +180,10 @@ class MicroTriangleRasterization(ReplayMethod):
             return
         self.triangles.replace_by(kept)
         # other faces may need the memory of what is no longer in it
-        self.triangles.replace_by(self._copied(0, max(TEXELS_PER_TRIANGLE * kept_count, 1)))
+        self.triangles.replace_by(self.triangles.copied(0, max(TEXELS_PER_TRIANGLE * kept_count, 1)))
         self._gathered = _Portion(0, self.work.group_count, kept_count)
         self._portions = [self._gathered]
         self.kept_count = kept_count
-
-    def _copied(self, first_texel: int, texel_count: int) -> LinearStore:
-        part = LinearStore(self.device, texel_count)
-        self.device.compute_kernel(COPY_TEXELS).dispatch_linear(
-            texel_count, original=self.triangles.texture, copied=part.texture, first_texel=first_texel, texel_count=texel_count
-        )
-        return part
 
     def counts(self) -> dict[str, int]:
         return {

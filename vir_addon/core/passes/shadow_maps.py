@@ -37,6 +37,7 @@ VIEW_COUNT = Constant("int", "views in this batch")
 DEPTH_MAPS_ATOMIC = Stored("R32UI", "atomic", "depth maps of the batch")
 
 ORTHOGRAPHIC_FLAG = {"ORTHOGRAPHIC": "views of a sun: parallel, sheared by its directions"}
+MIXED_MAPS_FLAG = {"MIXED_MAPS": "points and rasterized triangles share the maps: the lowest bit of a point's depth is set"}
 
 RASTERIZE_DEPTH = RasterDeclaration(
     name="depth_map",
@@ -51,13 +52,14 @@ RASTERIZE_DEPTH = RasterDeclaration(
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
     output_name="depth_bits",
     output_type="uint",
-    flags={**ORTHOGRAPHIC_FLAG, "PLACED": "the vertices are in face space already"},
+    flags={**ORTHOGRAPHIC_FLAG, **MIXED_MAPS_FLAG, "PLACED": "the vertices are in face space already"},
     defines=SCENE_DEFINES,
 )
 
 FRONT_FACE = "all views lie in the plane that the face looks away from"
 SPLAT_FLAGS = {
     **ORTHOGRAPHIC_FLAG,
+    **MIXED_MAPS_FLAG,
     "NEAR_SURFACES": "something casts from nearer than the light's diameter: points there cover several texels",
     "FRONT_FACE": FRONT_FACE,
 }
@@ -78,7 +80,7 @@ SPLAT_POINTS = ComputeDeclaration(
     flags=SPLAT_FLAGS,
 )
 
-COUNTERS = Stored("R32UI", "atomic", "texel 0: points, 1: tiles, 2: culled triangles, 3: parts of large triangles")
+COUNTERS = Stored("R32UI", "atomic", "texel 0: points, 1: tiles, 2: culled triangles, 3: parts of large triangles or, listed, these")
 
 KEEP_SEEN_POINTS = ComputeDeclaration(
     name="keep_seen_points",
@@ -120,7 +122,8 @@ PART_CAPACITY = Constant("int", "parts that the list holds")
 POINT_STORE = {"points": Stored("RGBA32F", "write", "position (face space) and packed normal")}
 
 
-def _generate(name: str, text: str, source_flag: str, output_flag: str) -> ComputeDeclaration:
+def _generate(name: str, text: str, source_flag: str, output_flag: str, *, list_large: bool = False) -> ComputeDeclaration:
+    """list_large: what takes more than `points_of_small` points goes into a list for the rasterizer instead of being cut into parts."""
     from_triangles = source_flag == "FROM_TRIANGLES"
     into_buffer = output_flag == "INTO_BUFFER"
     textures = dict(SCENE_TEXTURES)
@@ -129,8 +132,14 @@ def _generate(name: str, text: str, source_flag: str, output_flag: str) -> Compu
     tables = dict(SAMPLING_TABLES)
     if from_triangles:
         textures["work_table"] = WORK_TABLE
-        images["parts"] = Stored("RGBA32F", "write", PARTS_TEXT)
-        constants |= {**PORTION_CONSTANTS, "part_capacity": PART_CAPACITY}
+        constants |= PORTION_CONSTANTS
+        if list_large:
+            images["large_triangles"] = Stored("RGBA32F", "write", "three texels a triangle, its corners in face space; w: instance")
+            constants["large_capacity"] = Constant("int", "large triangles that the list holds")
+            constants["points_of_small"] = Constant("int", "the most points that a triangle may have without being large")
+        else:
+            images["parts"] = Stored("RGBA32F", "write", PARTS_TEXT)
+            constants["part_capacity"] = PART_CAPACITY
     else:
         textures["tile_list"] = Sampled("sampler2D", "tiles of large triangles")
         constants |= {"first_tile": Constant("int", "the first tile to sample"), "tile_count": Constant("int", "tiles to sample")}
@@ -151,7 +160,7 @@ def _generate(name: str, text: str, source_flag: str, output_flag: str) -> Compu
         constants=constants,
         tables=tables,
         flags=SAMPLING_FLAGS if into_buffer else SAMPLING_FLAGS | SPLAT_FLAGS,
-        defines={**SCENE_DEFINES, source_flag: 1, output_flag: 1},
+        defines={**SCENE_DEFINES, source_flag: 1, output_flag: 1, **({"LIST_LARGE": 1} if list_large else {})},
     )
 
 
@@ -182,6 +191,16 @@ CUT_PARTS = ComputeDeclaration(
 BUFFER_TRIANGLES = _generate("buffer_triangles", "points of small triangles into the buffer", "FROM_TRIANGLES", "INTO_BUFFER")
 BUFFER_TILES = _generate("buffer_tiles", "points of large triangles into the buffer", "FROM_TILES", "INTO_BUFFER")
 SPLAT_TRIANGLES = _generate("splat_triangles", "points of small triangles into the maps", "FROM_TRIANGLES", "INTO_MAPS")
+BUFFER_SMALL_TRIANGLES = _generate(
+    "buffer_small_triangles",
+    "points of small triangles into the buffer, lists large ones",
+    "FROM_TRIANGLES",
+    "INTO_BUFFER",
+    list_large=True,
+)
+SPLAT_SMALL_TRIANGLES = _generate(
+    "splat_small_triangles", "points of small triangles into the maps, lists large ones", "FROM_TRIANGLES", "INTO_MAPS", list_large=True
+)
 SPLAT_TILES = _generate("splat_tiles", "points of large triangles into the maps", "FROM_TILES", "INTO_MAPS")
 
 GATHERED_TRIANGLES_TEXT = (
@@ -293,6 +312,7 @@ RESOLVE = ComputeDeclaration(
         "RECEIVER_LINKING": "leave out instances that the light does not illuminate",
         "MANY_FACES": "several faces share the directions",
         "POINT_MAPS": "the maps were splatted: undo the half texel by which that enlarges outlines",
+        **MIXED_MAPS_FLAG,
     },
 )
 

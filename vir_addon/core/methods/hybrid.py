@@ -1,0 +1,70 @@
+"""Points for small triangles, the hardware rasterizer for large ones: the future work that the papers on points ask for.
+
+A point costs the same whatever its triangle, and a rasterized triangle the same however few its texels. What takes at most
+`Settings.small_triangle_points` points of `ivir` becomes points, once; what takes more is placed once and drawn for every view. The
+lowest bit of a depth tells which of the two wrote it, because only outlines of points are half a texel too large (docs/sampling.md).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..passes.shadow_maps import BUFFER_SMALL_TRIANGLES, SPLAT_SMALL_TRIANGLES, DepthMaps
+from ..settings import PointStorage
+from .base import FaceJob
+from .ivir import ImprovedViewIndependentRasterization
+from .large_triangles import BYTES_PER_TRIANGLE, TEXELS_PER_TRIANGLE, LargeTriangles
+
+
+class HybridRasterization(ImprovedViewIndependentRasterization):
+    buffer_triangles = BUFFER_SMALL_TRIANGLES
+    splat_triangles = SPLAT_SMALL_TRIANGLES
+
+    def __init__(self, job: FaceJob, storage: PointStorage) -> None:
+        super().__init__(job, storage)
+        self.splat_flags.append("MIXED_MAPS")
+        self._large = LargeTriangles(self, "MIXED_MAPS")
+        self._has_listed = False
+
+    def _prepare(self) -> None:
+        super()._prepare()
+        if self.storage is PointStorage.BUFFERLESS:
+            # the rasterizer comes before the first points: a buffer without room leaves only the list
+            self._run_triangles(self.buffer_triangles, 0, self.work.group_count, points=self.tiles.texture, point_capacity=0)
+            self._cleanup.callback(self._large.release)
+
+    @property
+    def held_bytes(self) -> int:
+        return super().held_bytes + BYTES_PER_TRIANGLE * self._large.triangle_count
+
+    def _free(self) -> None:
+        super()._free()
+        self._large.release()
+        self._has_listed = False
+
+    def _large_outputs(self) -> dict[str, Any]:
+        return {
+            "large_triangles": self.parts.texture,
+            "large_capacity": 0 if self._has_listed else self.parts.texel_count // TEXELS_PER_TRIANGLE,
+            "points_of_small": self.settings.small_triangle_points,
+        }
+
+    def _finish_large(self) -> bool:
+        """Take the list over. It is whole after the first run, which is always of all work groups; later runs leave it alone."""
+        if self._has_listed:
+            return True
+        count = int(self.device.read(self.counters)[0, 3])
+        if not self._fits(self.parts, TEXELS_PER_TRIANGLE, count):
+            return False
+        self._large.add(self.parts, 0, count)
+        self._has_listed = True
+        return True
+
+    def _clear(self, maps: DepthMaps, selected: range, views: np.ndarray) -> None:
+        super()._clear(maps, selected, views)
+        self._large.rasterize(maps, selected, views)
+
+    def counts(self) -> dict[str, int]:
+        return {**super().counts(), "large_triangle_count": self._large.triangle_count}

@@ -1,0 +1,92 @@
+"""Triangles that are too large to be replayed one by one: culled and placed once for all views, drawn by the hardware rasterizer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...device.interface import DeviceMesh, Draw
+from ..passes.shadow_maps import RASTERIZE_DEPTH, DepthMaps
+from .base import DepthMapMethod
+from .linear_store import LinearStore
+
+TEXELS_PER_TRIANGLE = 3
+BYTES_PER_TRIANGLE = 48
+
+
+@dataclass(frozen=True)
+class _PlacedTriangles:
+    """Of one list, on the device, sorted by instance."""
+
+    mesh: DeviceMesh
+    instances: np.ndarray
+    """(n,) int64 instance numbers"""
+    first: np.ndarray
+    """(n,) int64: the first triangle of each"""
+    count: np.ndarray
+    """(n,) int64: how many each has"""
+
+    def draws(self, seen: np.ndarray, culled: np.ndarray) -> Iterator[Draw]:
+        """seen, culled: (instance_count,) bool, which instances to draw and which without back faces. Neighbours share a draw."""
+        chosen = seen[self.instances]
+        first, count, cull = self.first[chosen], self.count[chosen], culled[self.instances[chosen]]
+        starts = np.flatnonzero(np.r_[True, (first[1:] != first[:-1] + count[:-1]) | (cull[1:] != cull[:-1])])
+        if len(first):
+            for start, triangle_count in zip(starts, np.add.reduceat(count, starts), strict=True):
+                triangle_range = (int(first[start]), int(triangle_count))
+                yield Draw(self.mesh, 1, {"first_instance": 0}, bool(cull[start]), triangle_range)
+
+
+class LargeTriangles:
+    """The large triangles of a face."""
+
+    def __init__(self, method: DepthMapMethod, *flags: str) -> None:
+        """flags: of RASTERIZE_DEPTH, beside those of the face's projection"""
+        self.method = method
+        self.flags = ("PLACED", *method.projection_flags, *flags)
+        self._lists: list[_PlacedTriangles] = []
+
+    @property
+    def triangle_count(self) -> int:
+        return sum(placed.mesh.triangle_count for placed in self._lists)
+
+    def add(self, store: LinearStore, first_texel: int, count: int) -> None:
+        """Take over `count` triangles from a list of a kernel: three texels each, corners in face space, w: instance."""
+        if not count:
+            return
+        texel_count = TEXELS_PER_TRIANGLE * count
+        part = store.copied(first_texel, texel_count)
+        triangles = self.method.device.read(part.texture).reshape(-1, 4)[:texel_count].reshape(count, 3, 4)
+        part.release()
+        instance = triangles[:, 0, 3].astype(np.int64)
+        order = np.argsort(instance, kind="stable")
+        corners = triangles[order][:, :, :3].reshape(-1, 3)
+        mesh = self.method.device.upload_mesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+        instances, first = np.unique(instance[order], return_index=True)
+        self._lists.append(_PlacedTriangles(mesh, instances, first, np.diff(first, append=count)))
+
+    def rasterize(self, maps: DepthMaps, selected: range, views: np.ndarray) -> None:
+        """Draw those of the instances that each view needs. Knows only its own depths, so it comes before whatever else fills the maps.
+
+        views: rows of `views_table` of the selected views.
+        """
+        if not self._lists:
+            return
+        method, fitted = self.method, self.method.fitted
+        kernel = method.device.raster_kernel(RASTERIZE_DEPTH, *self.flags)
+        method.device.fill(maps.target.depth, 0)
+        width, height = fitted.views.map_width_px, fitted.views.map_height_px
+        for index, view in enumerate(selected):
+            seen = np.zeros(len(method.culled), bool)
+            seen[fitted.caster_indices[fitted.seen_by_view[view]]] = True
+            draws = [draw for placed in self._lists for draw in placed.draws(seen, method.culled)]
+            viewport = (0, index * height, width, height)
+            bindings = {"instances": method.scene_data.instances, "face": method.face_table, "views": views, "view_index": index}
+            kernel.draw(maps.target, viewport, draws, **bindings)
+
+    def release(self) -> None:
+        for placed in self._lists:
+            placed.mesh.release()
+        self._lists = []
