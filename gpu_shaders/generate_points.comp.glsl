@@ -15,6 +15,7 @@ const int MAX_PARTS = 4096;              // square parts of a sliver
 const int MAX_QUADTREE_LEVEL = 3;
 const int MAX_QUADTREE_STEPS = 128;  // never reached; a loop on a GPU must end whatever the numbers are
 const float CULLING_AREA_TEXELS = 0.1;
+const float GENERATION_VIEW_PX = 4096.0;  // of vir's generation view; without a limit a wall that reaches the light takes all memory
 
 #ifdef INTO_MAPS
 #include "lib/splat.glsl"
@@ -93,6 +94,15 @@ float spacing_for(vec2 density) {
 #endif
 }
 
+#ifdef GLOBAL_RATE
+// A triangle has one spacing. What does not fit into the generation view at its rate stands farther away: it is sampled too sparsely.
+float spacing_of(AlignedTriangle t) {
+    vec2 low = min(min(t.corner_uv[0], t.corner_uv[1]), t.corner_uv[2]);
+    vec2 high = max(max(t.corner_uv[0], t.corner_uv[1]), t.corner_uv[2]);
+    return max(spacing_for(largest_density(t)), max(high.x - low.x, high.y - low.y) / GENERATION_VIEW_PX);
+}
+#endif
+
 #ifndef LIST_LARGE
 void append_part(int instance, int triangle, vec2 low, vec2 size) {
     uint index = imageAtomicAdd(counters, ivec2(3, 0), 1u);
@@ -142,7 +152,11 @@ void main() {
         vec2 node_size = place.zw / float(1 << level);
         vec2 node_low = place.xy + node_size * vec2(node);
         if (wanted(t, node_low + 0.5 * node_size, 0.5 * node_size, corners)) {
+#ifdef GLOBAL_RATE
+            float spacing = spacing_of(t);
+#else
             float spacing = spacing_for(largest_density_of_rectangle(corners, t.n));
+#endif
             vec2 cell_counts = max(ceil(node_size / spacing), 1.0);
             if (max(cell_counts.x, cell_counts.y) <= float(TILE_CELLS)) {
                 append_tile(instance_index, triangle_index, node_low, node_size, cell_counts);
@@ -218,6 +232,9 @@ void main() {
     if (unseen(bounds)) {
         return;
     }
+#ifdef GLOBAL_RATE
+    float spacing = spacing_of(t);
+#else
     vec2 density = largest_density(t);
 #ifdef STOCHASTIC_CULLING
     // section 3.2: below a tenth of a texel a triangle is culled with probability 1 - 10 A
@@ -231,6 +248,7 @@ void main() {
     }
 #endif
     float spacing = spacing_for(density);
+#endif
     vec2 low = min(min(t.corner_uv[0], t.corner_uv[1]), t.corner_uv[2]);
     vec2 high = max(max(t.corner_uv[0], t.corner_uv[1]), t.corner_uv[2]);
     // the lattice starts at the triangle's bounds and divides them evenly: no cells that stick out, and a triangle smaller than a

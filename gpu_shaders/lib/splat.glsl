@@ -8,7 +8,7 @@
 const float MAX_SHIFT_NEARER_FOOTPRINTS = 0.5;
 const float MAX_SHIFT_DEEPER_FOOTPRINTS = 16.0;
 
-void write_depth(int k, ivec2 texel, float z, vec3 normal_fs, float plane_offset, float footprint) {
+uint depth_bits_at(int k, ivec2 texel, float z, vec3 normal_fs, float plane_offset, float footprint) {
     vec2 plane = plane_on_ray(k, vec2(texel) + 0.5, normal_fs, plane_offset);
     // edge-on triangles have no depth at the centre: the division is kept finite and the clamp decides
     float plane_depth = plane.x / (abs(plane.y) > 1e-6 ? plane.y : 1e-6);
@@ -17,12 +17,32 @@ void write_depth(int k, ivec2 texel, float z, vec3 normal_fs, float plane_offset
 #ifdef MIXED_MAPS
     bits |= 1u;
 #endif
-    ivec2 address = ivec2(texel.x, texel.y + view_first_row(k));
+    return bits;
+}
+
+void write_bits(ivec2 address, uint bits) {
     // most points are hidden or repeat a texel: looking first is cheaper than an atomic
     if (imageLoad(depth_maps, address).x > bits) {
         imageAtomicMin(depth_maps, address, bits);
     }
 }
+
+void write_depth(int k, ivec2 texel, float z, vec3 normal_fs, float plane_offset, float footprint) {
+    write_bits(ivec2(texel.x, texel.y + view_first_row(k)), depth_bits_at(k, texel, z, normal_fs, plane_offset, footprint));
+}
+
+#ifdef LOCAL_CULLING
+const uint NOWHERE = 0xffffffffu;
+
+// Where a view has a point, and the depth that it would write there; NOWHERE if the map does not show it.
+uint place_point(int k, vec3 p_fs, vec3 normal_fs, out ivec2 address) {
+    vec3 p = p_fs - view_center(k);
+    ivec2 texel = ivec2(floor(map_position(k, vec3(p.xy, max(p.z, near_m)))));
+    address = texel + ivec2(0, view_first_row(k));
+    bool shown = p.z > near_m && all(greaterThanEqual(texel, ivec2(0))) && all(lessThan(texel, map_size));
+    return shown ? depth_bits_at(k, texel, p.z, normal_fs, dot(normal_fs, p), footprint_at(p.z)) : NOWHERE;
+}
+#endif
 
 void splat(vec3 p_fs, vec3 normal_fs) {
 #ifdef INTO_MAPS

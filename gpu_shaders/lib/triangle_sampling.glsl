@@ -153,6 +153,22 @@ vec2 texel_density(vec3 p, vec3 n, float least_depth) {
     return vec2(abs(dot(vec3(tangent, 1.0), n)) * texels.x * texels.y, frobenius);
 }
 
+#ifdef GLOBAL_RATE
+// Marrs et al. 2017: the distance of the nearest view, and under which angle whatever triangle may be seen at the windows' farthest
+// corner. x, y as above. At distance r, where depth is c r, the Jacobian stretches by at most 1 / (c^2 r) away from the axis and
+// 1 / (c r) around it; a plane's share of that is no larger.
+vec2 largest_density(AlignedTriangle t) {
+    float radius = max(max(length(t.corner_uv[0]), length(t.corner_uv[1])), length(t.corner_uv[2]));
+    vec3 outside = max(abs(t.centroid_fs - hull_box[0].xyz) - hull_box[1].xyz, 0.0);
+    float depth = min(min(t.corner_fs[0].z, t.corner_fs[1].z), t.corner_fs[2].z) - hull_box[0].z - hull_box[1].z;
+    // both are lower bounds: the first is close for small triangles, the second for large level ones
+    float nearest = max(max(length(outside) - radius, depth), max(near_m, TOUCHING_SHARE * blur_depth));
+    float c = hull_box[0].w;
+    float around = max(texels_per_tangent.x, texels_per_tangent.y) / (sampled_depth(nearest) * c);
+    float away = around / c;
+    return vec2(away * away, away * away + around * around);
+}
+#else
 // rho_mv (eq. 2): the largest density that any view needs, at the point of the triangle closest to it. The views lie in the
 // hull of `hull_count` corners.
 vec2 largest_density(AlignedTriangle t) {
@@ -172,6 +188,7 @@ vec2 largest_density(AlignedTriangle t) {
     }
     return density;
 }
+#endif
 
 // The same for a rectangle of a triangle's plane.
 vec2 largest_density_of_rectangle(vec3 corners[4], vec3 n) {

@@ -111,6 +111,7 @@ def _plan_light(
     if skipped is not None:
         reason, surface_value = skipped
         return PlannedPass(light.name, pass_name, runs=False, reason=reason, surface_value=surface_value)
+    _refuse_what_the_method_cannot_do(light, settings)
     view_count = settings.view_count if light.has_size else 1
     reason = _describe(light) if light.has_size else f"{_describe(light)} without size: one view, a hard shadow"
     face_count = _likely_face_count(light, places_ws)
@@ -135,6 +136,19 @@ def _plan_light(
         map_resolution_px=settings.map_resolution_px,
         predicted_ms=estimates[method] + face_count * cost.resolve_ms(snapshot, view_count),
     )
+
+
+def _refuse_what_the_method_cannot_do(light: Light, settings: Settings) -> None:
+    """UsageError with the nearest thing that works."""
+    if settings.method is not Method.VIR:
+        return
+    if settings.points is PointStorage.BUFFERLESS:
+        raise UsageError("vir compares neighbours in its point buffer and has no bufferless form: use --points buffered, or --method ivir")
+    if light.shape is LightShape.SUN:
+        raise UsageError(
+            f"vir samples at the rate of perspective views, and those of the sun {light.name!r} are parallel: use --method ivir, "
+            "or leave the light out with --lights"
+        )
 
 
 def _describe(light: Light) -> str:

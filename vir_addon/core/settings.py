@@ -14,11 +14,12 @@ class Method(enum.Enum):
     IVIR = "ivir"
     MICRO = "micro"
     HYBRID = "hybrid"
+    VIR = "vir"
 
     @property
     def uses_points(self) -> bool:
         """Whether maps are splatted from points, which enlarges outlines by half a texel."""
-        return self in (Method.IVIR, Method.HYBRID)
+        return self in (Method.IVIR, Method.HYBRID, Method.VIR)
 
     @property
     def resolve_flags(self) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from .hybrid import HybridRasterization
 from .ivir import ImprovedViewIndependentRasterization
 from .micro import MicroTriangleRasterization
 from .mvr import MultiviewRasterization
+from .vir import ViewIndependentRasterization
 
 
 def depth_map_method(planned: PlannedPass, job: FaceJob) -> DepthMapMethod:
@@ -16,6 +17,8 @@ def depth_map_method(planned: PlannedPass, job: FaceJob) -> DepthMapMethod:
         return MultiviewRasterization(job)
     if planned.method is Method.MICRO:
         return MicroTriangleRasterization(job)
+    if planned.method is Method.VIR:
+        return ViewIndependentRasterization(job)
     if planned.points is None:
         raise ValueError(f"{planned.method.value} needs a point storage")
     if planned.method is Method.HYBRID:

@@ -83,6 +83,9 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         self.sampling_flags += self.projection_flags
         self.splat_flags = ["NEAR_SURFACES"] * (fitted.nearest_caster_m < fitted.views.light_diameter_m)
         self.splat_flags += ["FRONT_FACE"] * fitted.views.is_planar + self.projection_flags
+        self.replay_flags: list[str] = []
+        """of SPLAT_POINTS, beside `splat_flags`"""
+        self.points_per_invocation = 1
         self.culled_triangle_count = 0
         self.point_count = 0
         self.tile_count = 0
@@ -255,8 +258,8 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
             self.point_count, self.culled_triangle_count = int(counters[0]), int(counters[2])
             return
         for _ in self._buffer_fillings():
-            self.device.compute_kernel(SPLAT_POINTS, *self.splat_flags).dispatch_linear(
-                self.buffered_point_count,
+            self.device.compute_kernel(SPLAT_POINTS, *self.splat_flags, *self.replay_flags).dispatch_linear(
+                -(-self.buffered_point_count // self.points_per_invocation),
                 **outputs,
                 face=self.face_table,
                 points=self.points.texture,

@@ -69,6 +69,9 @@ PORTION_CONSTANTS = {
     "first_group": Constant("int", "the portion's first work group"),
 }
 
+POINTS_AT_ONCE = 4
+"""points that are compared with each other before they are written, with LOCAL_CULLING"""
+
 SPLAT_POINTS = ComputeDeclaration(
     name="splat_points",
     text="replays the point buffer into the maps of a batch",
@@ -77,7 +80,8 @@ SPLAT_POINTS = ComputeDeclaration(
     images={"depth_maps": DEPTH_MAPS_ATOMIC},
     constants={"view_count": VIEW_COUNT, "point_count": Constant("int", "points in the buffer")},
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
-    flags=SPLAT_FLAGS,
+    flags={**SPLAT_FLAGS, "LOCAL_CULLING": "of neighbours in the buffer that fall into one texel only the nearest is written"},
+    defines={"POINTS_AT_ONCE": POINTS_AT_ONCE},
 )
 
 COUNTERS = Stored("R32UI", "atomic", "texel 0: points, 1: tiles, 2: culled triangles, 3: parts of large triangles or, listed, these")
@@ -115,6 +119,7 @@ SAMPLING_CONSTANTS = {
 SAMPLING_FLAGS = {
     **ORTHOGRAPHIC_FLAG,
     "WATERTIGHT": "point spacing that leaves no texel empty instead of the published density",
+    "GLOBAL_RATE": "a triangle's distance and the worst angle of any map decide its density (Marrs et al. 2017)",
     "STOCHASTIC_CULLING": "cull triangles below a tenth of a texel with probability 1 - 10 A",
 }
 PARTS_TEXT = "two texels a part of a large triangle: instance and triangle; corner and size"
