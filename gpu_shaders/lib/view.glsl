@@ -5,7 +5,7 @@
 
 // Views of a batch: table `views`, two rows each.
 #define view_center(k) (views[2 * (k)].xyz)
-#define view_first_row(k) ((k) * map_size.y)
+#define view_first_row(k) (int(views[2 * (k)].w))
 #define view_window(k) (views[2 * (k) + 1].xy)
 
 #ifdef ORTHOGRAPHIC

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import statistics
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from .tables import BenchTable, Column
 from .timing import device_ms, median_ratio, round_ratios, take_turns
 
 BASELINE = "mvr"
+VIEWS_PER_THREAD = {"serial": 1, "partially parallel": 4, "fully parallel": MAX_BATCH_VIEWS}
 
 COLUMNS = (
     Column("variant", "method"),
@@ -61,11 +63,18 @@ class Timing:
 
 
 def variants(view_count: int, resolution_px: int) -> list[Variant]:
-    def variant(name: str, method: Method, points: PointStorage | None = None, **choices: bool) -> Variant:
+    def variant(name: str, method: Method, points: PointStorage | None = None, **choices: Any) -> Variant:
         planned = PlannedPass("", "", True, "", method, points, view_count, resolution_px)
         return Variant(name, planned, Settings(view_count=view_count, map_resolution_px=resolution_px, **choices))
 
     found = [variant(BASELINE, Method.MVR), variant("micro", Method.MICRO), variant("hybrid", Method.HYBRID, PointStorage.BUFFERED)]
+    found += [variant("vir, watertight", Method.VIR, PointStorage.BUFFERED)]
+    found += [variant("vir, published", Method.VIR, PointStorage.BUFFERED, watertight=False)]
+    for points, (parallelism, views_per_thread) in itertools.product(PointStorage, VIEWS_PER_THREAD.items()):
+        found.append(
+            variant(f"vwss {points.value}, {parallelism}", Method.VWSS, points, watertight=False, views_per_thread=views_per_thread)
+        )
+    found.append(variant("vwss buffered, watertight, back faces", Method.VWSS, PointStorage.BUFFERED, back_faces=True))
     for points, is_watertight, is_culled in itertools.product(PointStorage, (True, False), (True, False)):
         density, culling = "watertight" if is_watertight else "published", "culling" if is_culled else "no culling"
         name = f"ivir {points.value}, {density}, {culling}"

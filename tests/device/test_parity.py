@@ -11,6 +11,7 @@ import pytest
 from tests.device.kernels import ATOMIC_MIN
 from tests.scenes import METHODS, point_light, render_pass, spot_light, sun_light
 from vir_addon.core.bounds import compute_bounds, cullable_instances
+from vir_addon.core.errors import UsageError
 from vir_addon.core.fit import fit_light, light_hull, select_receivers
 from vir_addon.core.methods.base import FaceJob
 from vir_addon.core.methods.hybrid import HybridRasterization
@@ -23,7 +24,7 @@ from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.passes.shadow_maps import DepthMaps, face_table
 from vir_addon.core.sampling import light_samples
 from vir_addon.core.scene import Camera, Instances, Light, LightShape, Mesh, PixelFilter, SceneSnapshot
-from vir_addon.core.settings import PointStorage, Settings
+from vir_addon.core.settings import Method, PointStorage, Settings
 from vir_addon.device.interface import EMPTY_DEPTH_BITS, TextureFormat
 from vir_addon.device.open import open_device
 
@@ -174,6 +175,13 @@ def test_hybrid_depth_maps_agree(renderers, storage):
     found = [renderer.sampled(settings, storage, HybridRasterization) for renderer in renderers]
     assert_same_depths(*found)
     assert 0.1 < (found[0][found[0] != EMPTY_DEPTH_BITS] & 1).mean() < 0.9
+
+
+def test_what_a_device_lacks_is_refused_before_any_work(snapshot, both, monkeypatch):
+    _, blender_device = both
+    monkeypatch.setattr(blender_device, "create_texture", None)
+    with pytest.raises(UsageError, match=r"vwss.*gpu.*--device moderngl"):
+        render_pass(snapshot, blender_device, method=Method.VWSS, view_count=8, map_resolution_px=128)
 
 
 def test_a_device_repeats_itself(renderers):

@@ -102,7 +102,7 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         type=partial(_parse_choice, PointStorage),
         default=defaults.points,
         metavar="buffered|bufferless",
-        help="whether ivir and hybrid keep their points between batches (default) or make them anew",
+        help="whether ivir, hybrid and vwss keep their points between batches (default) or make them anew",
     )
     parser.add_argument(
         "--views",

@@ -142,5 +142,6 @@ def estimate_methods(
         Method.IVIR: points_ns(everything),
         Method.HYBRID: hybrid_ns,
         Method.VIR: points_ns(everything, GLOBAL_RATE_SHARE),
+        Method.VWSS: points_ns(everything),
     }
     return {method: ns * 1e-6 for method, ns in nanoseconds.items()}

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..device.interface import Device
 from . import cost
 from .bounds import SceneBounds, compute_bounds
 from .errors import SceneError, UsageError
@@ -85,6 +86,14 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     )
 
 
+def check_device(render_plan: RenderPlan, device: Device) -> None:
+    """UsageError when the device lacks what a planned method needs; to be asked before any work is done."""
+    if not device.stores_from_fragments and any(planned.runs and planned.method is Method.VWSS for planned in render_plan.passes):
+        raise UsageError(
+            f"vwss stores what the rasterizer makes, which the device {device.name} cannot: use --device moderngl, or --method ivir"
+        )
+
+
 def _views_per_batch(settings: Settings) -> int:
     """Eight maps of 1024^2 and 2048^2; larger maps in smaller batches, so that a batch stays below 128 MiB of depth."""
     return max(1, min(MAX_BATCH_VIEWS, MAX_BATCH_VIEWS * 2048**2 // settings.map_resolution_px**2))
@@ -140,6 +149,11 @@ def _plan_light(
 
 def _refuse_what_the_method_cannot_do(light: Light, settings: Settings) -> None:
     """UsageError with the nearest thing that works."""
+    if settings.method is Method.VWSS and not light.shape.is_area:
+        raise UsageError(
+            f"vwss warps the view of an area light, and {light.name!r} is a {light.shape.value}: use --method ivir, or leave the light out "
+            "with --lights"
+        )
     if settings.method is not Method.VIR:
         return
     if settings.points is PointStorage.BUFFERLESS:

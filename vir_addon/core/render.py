@@ -24,7 +24,7 @@ from .pass_set import COMBINED_PASS_NAME, PassSet, PassStatistics, SetStatistics
 from .passes.accumulate import pass_image
 from .passes.eye import EyePass
 from .passes.scene_data import SceneData
-from .plan import RenderPlan
+from .plan import RenderPlan, check_device
 from .sampling import pixel_offsets
 from .scene import Light, SceneSnapshot
 from .stopwatch import Stopwatch
@@ -64,7 +64,8 @@ class Progress:
 
 
 def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device) -> Generator[Progress, None, None]:
-    """Yield after every batch. Closing the generator releases the device's memory."""
+    """Yield after every batch. Closing the generator releases the device's memory. UsageError if the device lacks what the plan needs."""
+    check_device(plan, device)
     with contextlib.closing(Renderer(snapshot, plan, device)) as renderer:
         start = time.perf_counter()
         device.run(renderer.prepare)

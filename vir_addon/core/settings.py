@@ -15,18 +15,19 @@ class Method(enum.Enum):
     MICRO = "micro"
     HYBRID = "hybrid"
     VIR = "vir"
+    VWSS = "vwss"
 
     @property
     def uses_points(self) -> bool:
-        """Whether maps are splatted from points, which enlarges outlines by half a texel."""
-        return self in (Method.IVIR, Method.HYBRID, Method.VIR)
+        """Whether maps are splatted from points, which may be kept from batch to batch."""
+        return self in (Method.IVIR, Method.HYBRID, Method.VIR, Method.VWSS)
 
     @property
     def resolve_flags(self) -> tuple[str, ...]:
-        """How RESOLVE has to look at the maps."""
+        """How RESOLVE has to look at the maps. Points of vwss lie at centres of texels, of its own view, and do not enlarge outlines."""
         if self is Method.HYBRID:
             return ("POINT_MAPS", "MIXED_MAPS")
-        return ("POINT_MAPS",) if self.uses_points else ()
+        return ("POINT_MAPS",) if self in (Method.IVIR, Method.VIR) else ()
 
 
 class PointStorage(enum.Enum):
@@ -59,6 +60,10 @@ class Settings:
     """point spacing that leaves no texel empty (covering radius) instead of the published one point per pixel area"""
     small_triangle_points: int = 8
     """hybrid: triangles that take more points are rasterized, those of more than 32 cells always"""
+    back_faces: bool = False
+    """vwss: points of back faces as well"""
+    views_per_thread: int = 8
+    """vwss: maps that one thread writes a point into; 1: serial, 8 and more: all that there are at a time"""
     point_buffer_mib: int = 256
     """memory for the points of all lights; what does not fit is processed in portions, or made again when its turn comes"""
 
@@ -69,5 +74,7 @@ class Settings:
             raise UsageError(f"the map resolution must be 16 to 8192, not {self.map_resolution_px}")
         if not 0 <= self.small_triangle_points <= 32:
             raise UsageError(f"a small triangle may have 0 to 32 points, not {self.small_triangle_points}")
+        if self.views_per_thread < 1:
+            raise UsageError(f"a thread serves at least one view, not {self.views_per_thread}")
         if self.point_buffer_mib < 1:
             raise UsageError("the point buffer needs at least 1 MiB")

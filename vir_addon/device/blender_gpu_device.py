@@ -209,6 +209,7 @@ class BlenderRasterKernel(RasterKernel):
 
 class BlenderGpuDevice(Device):
     name = "gpu"
+    stores_from_fragments = False  # nothing issues a barrier after a draw
 
     def __init__(self) -> None:
         try:

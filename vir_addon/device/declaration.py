@@ -111,7 +111,8 @@ class Varying:
 
 @dataclass(frozen=True, kw_only=True)
 class RasterDeclaration(KernelDeclaration):
-    """Draws indexed triangle meshes whose one attribute is `position_os` (vec3)."""
+    """Draws indexed triangle meshes whose one attribute is `position_os` (vec3). Fragments may store into images only on devices that
+    have `stores_from_fragments`."""
 
     vertex_source: str
     fragment_source: str
@@ -119,3 +120,5 @@ class RasterDeclaration(KernelDeclaration):
     output_name: str
     output_type: str
     """'uint', 'uvec2' or 'uvec4': the one colour attachment"""
+    has_depth_test: bool = True
+    """False: every fragment counts, in front or not"""

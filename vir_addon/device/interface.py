@@ -106,7 +106,7 @@ class RasterKernel(abc.ABC):
 
     @abc.abstractmethod
     def draw(self, target: RenderTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], /, **bindings: Any) -> None:
-        """Draw with depth test 'less' into `viewport` (x, y, width, height) of the target."""
+        """Draw with depth test 'less', unless the declaration has none, into `viewport` (x, y, width, height) of the target."""
 
 
 class Device(abc.ABC):
@@ -121,6 +121,8 @@ class Device(abc.ABC):
     description: str
     """renderer and driver, as the driver names itself"""
     max_texture_size_px: int
+    stores_from_fragments: bool
+    """whether raster kernels may have images"""
     _kernels: dict[tuple[str, tuple[str, ...]], Any]
     """by declaration name and sorted flags"""
 

@@ -152,12 +152,13 @@ class ModernglRasterKernel(RasterKernel):
         target.handle.use()
         target.handle.viewport = viewport
         self.bindings.bind({**bindings, **draws[0].constants})
+        tested = moderngl.DEPTH_TEST if self.declaration.has_depth_test else moderngl.NOTHING
         culling = None
         for draw in draws:
             # thousands of draws a batch: only what changes is said
             if draw.cull_back_faces is not culling:
                 culling = draw.cull_back_faces
-                context.enable_only(moderngl.DEPTH_TEST | (moderngl.CULL_FACE if culling else 0))
+                context.enable_only(tested | (moderngl.CULL_FACE if culling else 0))
             for name, value in draw.constants.items():
                 self.bindings.set_constant(name, value)
             vertex_array = cast(ModernglMesh, draw.mesh).vertex_array(self.program)
@@ -166,10 +167,13 @@ class ModernglRasterKernel(RasterKernel):
             else:
                 first, count = draw.triangle_range
                 vertex_array.render(vertices=3 * count, first=3 * first)
+        if self.declaration.images:
+            context.memory_barrier()
 
 
 class ModernglDevice(Device):
     name = "moderngl"
+    stores_from_fragments = True
 
     def __init__(self) -> None:
         try:

@@ -10,6 +10,7 @@ from .ivir import ImprovedViewIndependentRasterization
 from .micro import MicroTriangleRasterization
 from .mvr import MultiviewRasterization
 from .vir import ViewIndependentRasterization
+from .vwss import ViewWarpedSoftShadows
 
 
 def depth_map_method(planned: PlannedPass, job: FaceJob) -> DepthMapMethod:
@@ -23,4 +24,6 @@ def depth_map_method(planned: PlannedPass, job: FaceJob) -> DepthMapMethod:
         raise ValueError(f"{planned.method.value} needs a point storage")
     if planned.method is Method.HYBRID:
         return HybridRasterization(job, planned.points)
+    if planned.method is Method.VWSS:
+        return ViewWarpedSoftShadows(job, planned.points)
     return ImprovedViewIndependentRasterization(job, planned.points)

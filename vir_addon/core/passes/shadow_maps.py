@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ...device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table
+from ...device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table, Varying
 from ...device.interface import Device, RenderTarget, Texture, TextureFormat
 from ..scene import Light
 from ..views import FaceViews, light_axes
@@ -30,7 +30,7 @@ FACE_TABLE = Table(
 )
 VIEWS_TABLE = Table(
     2 * MAX_BATCH_VIEWS,
-    "two rows a view: centre (face space), -; window's place on the lattice, centre in the light's plane (suns: shear)",
+    "two rows a view: centre (face space), first row of its map; window's place on the lattice, centre in the light's plane (suns: shear)",
 )
 SAMPLES_TABLE = Table(MAX_BATCH_VIEWS, "light samples (light space; suns: unit directions of rays) and what each counts")
 VIEW_COUNT = Constant("int", "views in this batch")
@@ -208,6 +208,46 @@ SPLAT_SMALL_TRIANGLES = _generate(
 )
 SPLAT_TILES = _generate("splat_tiles", "points of large triangles into the maps", "FROM_TILES", "INTO_MAPS")
 
+
+def _warp(name: str, text: str, into_buffer: bool) -> RasterDeclaration:
+    if into_buffer:
+        images = {"counters": COUNTERS, **POINT_STORE}
+        constants = {"point_capacity": Constant("int", "points that the buffer holds")}
+        tables = {"face": FACE_TABLE}
+    else:
+        images = {"depth_maps": DEPTH_MAPS_ATOMIC}
+        constants = {"view_count": VIEW_COUNT}
+        tables = {"face": FACE_TABLE, "views": VIEWS_TABLE}
+    return RasterDeclaration(
+        name=name,
+        text=text,
+        vertex_source="source_view.vert.glsl",
+        fragment_source="source_view.frag.glsl",
+        textures={"instances": SCENE_TEXTURES["instances"]},
+        images=images,
+        constants={
+            **constants,
+            "first_instance": Constant("int", "instance number of the draw's first instance"),
+            "source_eye": Constant("vec3", "the source view's centre, face space"),
+            "source_texel": Constant("vec2", "tangents of its texels"),
+            "source_depths": Constant("vec2", "from where to where it looks, from its centre"),
+            "source_window": Constant("vec4", "first texel of the part to draw on the lattice that starts at tangent 0, and its size"),
+        },
+        tables=tables,
+        varyings={"p_fs": Varying("vec3", "smooth", "the surface's point, face space")},
+        output_name="fragment",
+        output_type="uint",
+        has_depth_test=False,
+        flags={} if into_buffer else {flag: SPLAT_FLAGS[flag] for flag in ("NEAR_SURFACES", "FRONT_FACE")},
+        defines={**SCENE_DEFINES, "INTO_BUFFER" if into_buffer else "INTO_MAPS": 1},
+    )
+
+
+BUFFER_FRAGMENTS = _warp(
+    "buffer_fragments", "all fragments of a view that contains all views of an area light, into the point buffer", True
+)
+SPLAT_FRAGMENTS = _warp("splat_fragments", "the same, splatted into the maps of a batch as they come", False)
+
 GATHERED_TRIANGLES_TEXT = (
     "three texels a triangle, its corners in face space, those of small ones with FRONT_FACE as x/z and y/z in texels and 1/z, "
     "with ORTHOGRAPHIC as x and y in texels and z; w: instance"
@@ -359,6 +399,7 @@ def views_table(views: FaceViews, selected: range) -> np.ndarray:
     """(2 * len(selected), 4) rows of VIEWS_TABLE; the maps are stacked in the order of `selected`."""
     table = np.zeros((2 * len(selected), 4))
     table[0::2, :3] = views.centers_fs[selected.start : selected.stop]
+    table[0::2, 3] = np.arange(len(selected)) * views.map_height_px
     table[1::2, :2] = views.window_texels[selected.start : selected.stop]
     table[1::2, 2:] = views.samples_m[selected.start : selected.stop, :2]
     return table
