@@ -122,6 +122,7 @@ def test_exit_statuses(blend, folder):
     cases = [
         (2, "no light named 'Sun'", ("render", blend, "--output", folder / "x", "--lights", "Sun")),
         (2, "is none of auto, mvr, ivir", ("render", blend, "--output", folder / "x", "--method", "magic")),
+        (2, "use --points buffered, or --method ivir", ("plan", blend, "--method", "vir", "--points", "bufferless")),
         (2, "required", ("render", blend)),
         (2, "views must be", ("plan", blend, "--views", "0")),
         (3, "is not there", ("render", folder / "missing.blend", "--output", folder / "x")),

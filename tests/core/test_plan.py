@@ -134,6 +134,17 @@ def test_auto_takes_what_is_predicted_to_be_faster(row_count):
     assert "times faster" in line.reason
 
 
+def test_maps_larger_than_the_device_allows_are_refused_with_the_largest_that_work(device, monkeypatch):
+    scene = scene_with(area_light())
+    monkeypatch.setattr(device, "max_texture_size_px", 4096)
+    monkeypatch.setattr(device, "create_texture", None)
+    with pytest.raises(UsageError, match=r"2048 px is 16384 px high.*4096 px.*--map-resolution 512"):
+        render_passes(scene, device, map_resolution_px=2048, view_count=64)
+    monkeypatch.undo()
+    monkeypatch.setattr(device, "max_texture_size_px", 4096)
+    assert "VIR Shadow Key" in render_passes(scene, device, map_resolution_px=512, view_count=64)
+
+
 @pytest.mark.parametrize("arguments", [{"view_count": 0}, {"view_count": 5000}, {"map_resolution_px": 8}, {"point_buffer_mib": 0}])
 def test_settings_out_of_range(arguments):
     with pytest.raises(UsageError):

@@ -92,6 +92,14 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
         raise UsageError(
             f"vwss stores what the rasterizer makes, which the device {device.name} cannot: use --device moderngl, or --method ivir"
         )
+    most_views = max((planned.view_count for planned in render_plan.passes if planned.runs), default=0)
+    resolution_px, limit_px = render_plan.settings.map_resolution_px, device.max_texture_size_px
+    height_px = resolution_px * math.ceil(most_views / render_plan.batch_count)
+    if height_px > limit_px:
+        raise UsageError(
+            f"a batch of maps of {resolution_px} px is {height_px} px high, and the device's largest texture {limit_px} px: "
+            f"use --map-resolution {limit_px // math.ceil(most_views / render_plan.batch_count)} or less"
+        )
 
 
 def _views_per_batch(settings: Settings) -> int:
