@@ -114,7 +114,7 @@ def test_every_way_makes_the_same_picture(device, other):
 def test_a_source_view_in_many_parts_makes_the_same_picture(device, monkeypatch):
     scene, arguments = made("sphere"), {"method": Method.VWSS, "view_count": 8, "map_resolution_px": 256}
     whole = render_pass(scene, device, **arguments)
-    monkeypatch.setattr(vwss, "PART_PX", 100)
+    monkeypatch.setattr(vwss, "SOURCE_PART_PX", 100)
     assert rmse(render_pass(scene, device, **arguments), whole) <= 2e-3
 
 

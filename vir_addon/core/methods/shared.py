@@ -13,6 +13,8 @@ TEXELS_PER_TILE = 2
 """of a part as well"""
 FIRST_TILE_CAPACITY = 1 << 15
 FIRST_PART_CAPACITY = 1 << 13
+SOURCE_PART_PX = 2048
+"""The source view of `vwss` is drawn in parts of at most so many texels each way: it may be larger than a viewport."""
 
 
 class ReplayKeeper(Protocol):
@@ -38,6 +40,19 @@ class PointScratch:
             store.release()
 
 
+class SourceTarget:
+    """What the rasterizer draws parts of the source views of `vwss` into. Nobody looks at it: what counts is what fragments store."""
+
+    def __init__(self, device: Device) -> None:
+        self.color = device.create_texture(SOURCE_PART_PX, SOURCE_PART_PX, TextureFormat.R32UI)
+        self.depth = device.create_texture(SOURCE_PART_PX, SOURCE_PART_PX, TextureFormat.DEPTH32F)
+        self.target = device.create_target(self.color, self.depth)
+
+    def release(self) -> None:
+        for thing in (self.target, self.color, self.depth):
+            thing.release()
+
+
 class SharedByFaces:
     """`Settings.point_buffer_mib` is for all lights together. What does not fit beside what other faces keep pushes out what was used
     last before it: faces take turns, so those used longest ago are needed next."""
@@ -52,6 +67,10 @@ class SharedByFaces:
     def point_scratch(self) -> PointScratch:
         return PointScratch(self.device)
 
+    @cached_property
+    def source_target(self) -> SourceTarget:
+        return SourceTarget(self.device)
+
     def touch(self, keeper: ReplayKeeper) -> None:
         """Note that a face's memory is in use, and let go of that of others beyond the budget."""
         self.forget(keeper)
@@ -64,5 +83,6 @@ class SharedByFaces:
             self._keepers.remove(keeper)
 
     def release(self) -> None:
-        if "point_scratch" in self.__dict__:
-            self.point_scratch.release()
+        for name in ("point_scratch", "source_target"):
+            if name in self.__dict__:
+                self.__dict__[name].release()

@@ -24,9 +24,8 @@ from .base import FaceJob, ReplayMethod
 from .ivir import BYTES_PER_POINT
 from .linear_store import LinearStore
 from .seen_space import window_bounds
+from .shared import SOURCE_PART_PX
 
-PART_PX = 2048
-"""The source view is drawn in parts of at most so many texels each way: it may be larger than a viewport."""
 FIRST_POINT_CAPACITY = 1 << 18
 WATERTIGHT_OVERSAMPLING = 1.5
 """Texels away from outlines that stay empty, of a bumpy sphere, a furnished room and leaves: 0.6, 2.4 and 1.7 % with the published
@@ -67,9 +66,9 @@ class SourceView:
     def parts(self) -> list[_Part]:
         left, right, bottom, top = self.bounds_texels
         return [
-            _Part(x, y, min(PART_PX, right - x), min(PART_PX, top - y))
-            for y in range(bottom, top, PART_PX)
-            for x in range(left, right, PART_PX)
+            _Part(x, y, min(SOURCE_PART_PX, right - x), min(SOURCE_PART_PX, top - y))
+            for y in range(bottom, top, SOURCE_PART_PX)
+            for x in range(left, right, SOURCE_PART_PX)
         ]
 
 
@@ -124,11 +123,7 @@ class ViewWarpedSoftShadows(ReplayMethod):
     def _prepare(self) -> None:
         self.draws = self.scene_data.draws(self.fitted.caster_indices, None if self.settings.back_faces else self.culled)
         self.counters = self.device.create_texture(1, 1, TextureFormat.R32UI)
-        color = self.device.create_texture(PART_PX, PART_PX, TextureFormat.R32UI)
-        depth = self.device.create_texture(PART_PX, PART_PX, TextureFormat.DEPTH32F)
-        self.target = self.device.create_target(color, depth)
-        for resource in (color, depth, self.target, self.counters):
-            self._cleanup.callback(resource.release)
+        self._cleanup.callback(self.counters.release)
         if self.storage is PointStorage.BUFFERED:
             self._hold()
 
@@ -176,7 +171,7 @@ class ViewWarpedSoftShadows(ReplayMethod):
 
     def _draw(self, part: _Part, declaration: Any, *flags: str, **outputs: Any) -> None:
         self.device.raster_kernel(declaration, *flags).draw(
-            self.target,
+            self.shared.source_target.target,
             (0, 0, part.width, part.height),
             self.draws,
             **outputs,
