@@ -147,7 +147,11 @@ def measure(triangle_count: int, options: Options, device: Device) -> BenchTable
     view_count, resolution_px = options.pick(64, 16), options.pick(1024, 256)
     snapshot = sphere_snapshot(triangle_count, *options.pick((960, 540), (240, 135)), has_floor=False)
     bench = Bench(snapshot, device, view_count, resolution_px)
-    competitors = {variant.name: variant for variant in variants(view_count, resolution_px)}
+    competitors = {
+        variant.name: variant
+        for variant in variants(view_count, resolution_px)
+        if variant.planned.method is not Method.VWSS or device.stores_from_fragments
+    }
     inspected = {name: bench.inspect(variant) for name, variant in competitors.items()}
     timings = take_turns({name: lambda v=variant: bench.time(v) for name, variant in competitors.items()}, options.rounds)
     bench.release()
