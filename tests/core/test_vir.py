@@ -22,8 +22,9 @@ def test_no_texel_is_missed(device, name):
 
 def test_pass_agrees_with_multiview_rasterization(device):
     scene = made("sphere")
-    images = [render_pass(scene, device, method=method, view_count=64, map_resolution_px=1024) for method in (Method.MVR, Method.VIR)]
+    images = [render_pass(scene, device, method=method, view_count=64, map_resolution_px=512) for method in (Method.MVR, Method.VIR)]
     assert (images[0] < 0.9).mean() > 0.05
+    print(f"RMSE {rmse(*images):.5f}")
     assert rmse(*images) <= 0.01
 
 
