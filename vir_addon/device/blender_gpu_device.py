@@ -22,7 +22,6 @@ import numpy as np
 from ..core.errors import DeviceError
 from . import shader_source
 from .declaration import ComputeDeclaration, KernelDeclaration, RasterDeclaration
-from .fill import signed_bits
 from .interface import (
     ComputeKernel,
     Device,
@@ -296,7 +295,9 @@ class BlenderGpuDevice(Device):
             with self.restored_state(), framebuffer.bind():
                 framebuffer.clear(depth=1.0)
         else:
-            texture.handle.clear(format="UINT", value=(signed_bits(value),) * texture.format.channel_count)
+            # the same 32 bits: the value of an unsigned texture is taken as a signed integer
+            signed = value - (1 << 32) if value >> 31 else value
+            texture.handle.clear(format="UINT", value=(signed,) * texture.format.channel_count)
 
     def read(self, texture: Texture) -> np.ndarray:
         return self.run(self._read, texture)

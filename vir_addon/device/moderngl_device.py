@@ -6,6 +6,7 @@ glcontext ignores a failed eglMakeCurrent and leaves no context current on exit.
 
 from __future__ import annotations
 
+import ctypes
 import re
 import sys
 import threading
@@ -18,7 +19,6 @@ import numpy as np
 from ..core.errors import DeviceError
 from . import shader_source
 from .declaration import ComputeDeclaration, KernelDeclaration, RasterDeclaration
-from .fill import COVERING_TRIANGLE, FILL, signed_bits
 from .interface import (
     ComputeKernel,
     Device,
@@ -32,6 +32,7 @@ from .interface import (
 )
 
 MINIMUM_OPENGL = 430
+GL_COLOR = 0x1800
 DRIVER_LINE = re.compile(r"\b0[:(](\d+)\b")
 """'0:7(10): error' of Mesa, '0(7) : error' of NVIDIA, 'ERROR: 0:7:' of others"""
 
@@ -173,10 +174,11 @@ class ModernglDevice(Device):
 
     def __init__(self) -> None:
         try:
+            import glcontext
             import moderngl
         except ImportError as error:
             raise DeviceError(f"the package moderngl is not installed ({error}); run: python -m pip install moderngl") from error
-        self.moderngl = moderngl
+        self.glcontext, self.moderngl = glcontext, moderngl
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="vir-opengl")
         self._kernels: dict[tuple[str, tuple[str, ...]], Any] = {}
         try:
@@ -187,10 +189,14 @@ class ModernglDevice(Device):
 
     def _open(self) -> None:
         self._thread_id = threading.get_ident()
-        # on Linux the default would be X11, which needs a display and replaces the context of a running Blender; elsewhere EGL is missing
-        settings: dict[str, Any] = {"backend": "egl"} if sys.platform == "linux" else {}
         try:
-            self.context = self.moderngl.create_context(standalone=True, require=MINIMUM_OPENGL, **settings)
+            # on Linux the default would be X11, which needs a display and replaces the context of a running Blender;
+            # elsewhere EGL is missing
+            if sys.platform == "linux":
+                native = self.glcontext.get_backend_by_name("egl")(mode="standalone", glversion=MINIMUM_OPENGL)
+            else:
+                native = self.glcontext.default_backend()(mode="standalone", glversion=MINIMUM_OPENGL)
+            self.context = self.moderngl.create_context(require=MINIMUM_OPENGL, standalone=True, context=native)
         except Exception as error:
             # glcontext raises bare Exceptions whose text is all there is to go by
             raise DeviceError(
@@ -200,7 +206,9 @@ class ModernglDevice(Device):
         info = self.context.info
         self.description = f"{info['GL_RENDERER']}, OpenGL {info['GL_VERSION']}"
         self.max_texture_size_px = int(info["GL_MAX_TEXTURE_SIZE"])
-        self._fill_triangle = ModernglMesh(self, COVERING_TRIANGLE, np.array([[0, 1, 2]]))
+        # moderngl clears with float colours only, which is undefined for unsigned textures; drawing or writing takes 4 to 7 times longer
+        clear = ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_uint))
+        self._clear_unsigned = clear(native.load("glClearBufferuiv"))
 
     def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
         if threading.get_ident() == self._thread_id:
@@ -245,10 +253,7 @@ class ModernglDevice(Device):
         else:
             framebuffer = self.context.framebuffer([texture.handle])
             framebuffer.use()
-            self.context.enable_only(self.moderngl.NOTHING)
-            kernel: ModernglRasterKernel = self._kernel(ModernglRasterKernel, FILL, ())
-            kernel.bindings.bind({"value": signed_bits(value)})
-            self._fill_triangle.vertex_array(kernel.program).render()
+            self._clear_unsigned(GL_COLOR, 0, (ctypes.c_uint * 4)(value, value, value, value))
         framebuffer.release()
         self.context.memory_barrier()
 
