@@ -5,6 +5,7 @@
 #include "lib/tiles.glsl"
 #include "lib/octahedral.glsl"
 #include "lib/view.glsl"
+#include "lib/pass_states.glsl"
 
 #define light_axis_fs (face[5].xyz)
 #define tan_half_spread (face[5].w)
@@ -253,7 +254,19 @@ void main() {
 #ifdef RECEIVER_LINKING
     surface = surface && texelFetch(receivers, linear_texel(int(position.w)), 0).x > 0.5;
 #endif
-    vec2 sums = first_face != 0 ? vec2(0.0) : imageLoad(batch_sums, pixel).xy;
+#if defined(MANY_FACES) && !defined(PROBES)
+    // a tile that is looked up again from this face on: what the batch's faces before it found goes on as it was
+    int late_faces = int(own_tile().z);
+    bool was_lit = imageLoad(moments, pixel).x > 0.0;
+#else
+    const int late_faces = 0;
+    const bool was_lit = false;
+#endif
+#ifdef PROBES
+    vec2 sums = vec2(0.0);
+#else
+    vec2 sums = first_face != 0 || late_faces != 0 ? vec2(0.0) : imageLoad(batch_sums, pixel).xy;
+#endif
     if (surface && view_count > 0) {
         vec4 normal = texelFetch(normals, pixel, 0);
         vec3 p_fs = face_position(position.xyz);
@@ -279,17 +292,19 @@ void main() {
 #endif
 #ifdef MANY_FACES
             int belongs_to = face_index(p_ls - samples[k].xyz);
-            if ((face_mask & (1 << belongs_to)) == 0) {
+            if (((face_mask | late_faces) & (1 << belongs_to)) == 0) {
                 continue;
             }
             bool in_map = belongs_to == map_face;
+            bool is_late = (late_faces & (1 << belongs_to)) != 0;
 #else
             const bool in_map = true;
+            const bool is_late = false;
 #endif
             float weight = delivered(k, p, shading_fs);
             if (weight > 0.0) {
                 // faces without casters have no map and are looked up together with the first that has one
-                int found = in_map ? sight(k, p, normal_fs) : int(facing_of(k, p, normal_fs) >= 0.0);
+                int found = in_map ? sight(k, p, normal_fs) : int(is_late ? !was_lit : facing_of(k, p, normal_fs) >= 0.0);
                 sums += weight * vec2(found == SEEN ? 1.0 : 0.0, 1.0);
                 undecided |= found == UNDECIDED ? 1u << uint(k) : 0u;
             }
@@ -304,12 +319,24 @@ void main() {
             } while (undecided != 0u);
         }
     }
+#ifdef PROBES
+    vec4 tile = own_tile();
+    uint state = uint(tile.z);
+    bool is_lit = state == STATE_LIT && wholly_lit(sums);
+    bool is_dark = state == STATE_DARK && sums.x == 0.0;
+    if (surface ? !is_lit && !is_dark : state != STATE_BACKGROUND) {
+        imageStore(disagreeing, ivec2(tile.xy), uvec4(1u));
+    }
+#else
     if (last_face == 0) {
         imageStore(batch_sums, pixel, vec4(sums, 0.0, 0.0));
         return;
     }
-    if (surface) {
-        imageStore(moments, pixel, imageLoad(moments, pixel) + vec4(sums, sums.x * sums.x, sums.x * sums.y));
-        imageStore(coverage, pixel, imageLoad(coverage, pixel) + vec4(sums.y * sums.y, 1.0, 0.0, 0.0));
+    // batches that the tile was left out of count as those before them
+    float repeats = own_tile().w;
+    if (surface || repeats != 1.0) {
+        imageStore(moments, pixel, repeats * imageLoad(moments, pixel) + vec4(sums, sums.x * sums.x, sums.x * sums.y));
+        imageStore(coverage, pixel, repeats * imageLoad(coverage, pixel) + vec4(sums.y * sums.y, surface ? 1.0 : 0.0, 0.0, 0.0));
     }
+#endif
 }

@@ -130,35 +130,38 @@ class LightWork:
 
     def render_batch(self, batch: int, eye: EyePass, stopwatch: Stopwatch) -> None:
         selected = self.batch_views(batch)
-        self.accumulator.batch_count += 1
+        self.accumulator.begin_batch()
         # faces without casters need no map: the first dispatch looks them up too, or one of their own if there is no other
         mapped = [face for face in self.faces if face[2] is not None] or self.faces[:1]
         unmapped_mask = sum(1 << fitted.views.face.index for fitted, _, method in self.faces if method is None)
+        done_mask = 0
         for index, (fitted, table, method) in enumerate(mapped):
             maps = self.store.maps(fitted.views.map_width_px, fitted.views.map_height_px, self.largest_batch)
             if method is not None:
                 with stopwatch.stage("splat or raster"):
                     method.fill(maps, selected)
-            own_mask = 1 << fitted.views.face.index
+            face_mask = 1 << fitted.views.face.index | (unmapped_mask if index == 0 else 0)
+            look_up = {
+                "depth_maps": maps.texture,
+                "face": table,
+                "views": views_table(fitted.views, selected),
+                "samples": samples_table(fitted.views, self.sample_weights, selected),
+                "view_count": len(selected),
+                "map_face": fitted.views.face.index,
+                "face_mask": face_mask,
+                "first_face": int(index == 0),
+                "last_face": int(index == len(mapped) - 1),
+            }
             with stopwatch.stage("resolve"):
-                self._resolve(
-                    eye,
-                    maps,
-                    face=table,
-                    views=views_table(fitted.views, selected),
-                    samples=samples_table(fitted.views, self.sample_weights, selected),
-                    view_count=len(selected),
-                    map_face=fitted.views.face.index,
-                    face_mask=own_mask | unmapped_mask if index == 0 else own_mask,
-                    first_face=int(index == 0),
-                    last_face=int(index == len(mapped) - 1),
-                )
+                self._probe(batch, eye, done_mask, look_up)
+                self._resolve(eye, look_up)
+            done_mask |= face_mask
         if not self.faces:
             # nothing visible is reached; surfaces still have to be told from the background
             with stopwatch.stage("resolve"):
                 nothing = {"view_count": 0, "map_face": 0, "face_mask": 0, "first_face": 1, "last_face": 1}
                 empty = {name: np.zeros((1, 4)) for name in ("face", "views", "samples")}
-                self._resolve(eye, self.store.maps(1, 1, 1), **empty, **nothing)
+                self._resolve(eye, {"depth_maps": self.store.maps(1, 1, 1).texture, **empty, **nothing})
         if self._may_settle(batch):
             with stopwatch.stage("resolve"):
                 self.accumulator.settle(eye.positions, eye.normals)
@@ -173,21 +176,32 @@ class LightWork:
             and (self.batch_views(batch).stop >= MIN_SETTLING_VIEWS or batch + 1 >= self.planned.view_count)
         )
 
-    def _resolve(self, eye: EyePass, maps: DepthMaps, **bindings: Any) -> None:
+    def _probe(self, batch: int, eye: EyePass, done_mask: int, look_up: dict[str, Any]) -> None:
+        """Look settled tiles up at a few pixels, at others in every batch, and go on with those that are not what they were."""
+        if not self.accumulator.settled_tiles.count:
+            return
+        self.device.fill(self.accumulator.disagreeing, 0)
+        kernel = self.device.compute_kernel(RESOLVE, *self.resolve_flags, "PROBES")
+        self.accumulator.settled_tiles.dispatch_probes(kernel, batch, **self._bindings(eye), **look_up)
+        eye.want_also(self.accumulator.reopen(done_mask))
+
+    def _resolve(self, eye: EyePass, look_up: dict[str, Any]) -> None:
+        kernel = self.device.compute_kernel(RESOLVE, *self.resolve_flags)
+        self.accumulator.tiles.dispatch(kernel, **self._bindings(eye), **look_up)
+
+    def _bindings(self, eye: EyePass) -> dict[str, Any]:
         width, height = eye.size
-        self.accumulator.tiles.dispatch(
-            self.device.compute_kernel(RESOLVE, *self.resolve_flags),
-            positions=eye.positions,
-            normals=eye.normals,
-            depth_maps=maps.texture,
-            receivers=self.receivers,
-            moments=self.accumulator.moments,
-            coverage=self.accumulator.coverage,
-            batch_sums=self.store.batch_sums,
-            width=width,
-            height=height,
-            **bindings,
-        )
+        return {
+            "positions": eye.positions,
+            "normals": eye.normals,
+            "receivers": self.receivers,
+            "moments": self.accumulator.moments,
+            "coverage": self.accumulator.coverage,
+            "disagreeing": self.accumulator.disagreeing,
+            "batch_sums": self.store.batch_sums,
+            "width": width,
+            "height": height,
+        }
 
     def release(self) -> None:
         for _, _, method in self.faces:

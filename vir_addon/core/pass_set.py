@@ -75,7 +75,7 @@ class PassStatistics:
     portion_count: int = 1
     """more than 1: the buffer was too small for all points or triangles at once"""
     settled_share: float = 0.0
-    """share of the pixels that later batches did not look up: wholly lit or dark in the first ones, with all pixels around"""
+    """share of the picture's tiles that the last batch only probed: wholly lit or dark in the first ones, with all pixels around"""
     stage_ms: dict[str, float] = field(default_factory=dict)
     error_estimate: float = 0.0
     """RMS over lit pixels of the standard error of the pass; from the spread between batches, an upper estimate"""

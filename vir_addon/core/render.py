@@ -156,7 +156,7 @@ class Renderer:
         offset = batch % self.plan.eye_sample_count
         if offset != self._current_offset:
             with self.stopwatch.stage("eye G-buffer"):
-                self.eye.render(offset)
+                self.eye.render(offset, batch)
             self._current_offset = offset
 
     def render_batch(self, batch: int) -> None:
@@ -171,7 +171,7 @@ class Renderer:
             with self.stopwatch.billed_to(work.statistics.stage_ms):
                 work.render_batch(batch, self.eye, self.stopwatch)
         if not self._eye_is_settled and self.works and all(work.accumulator.settled_batch_count for work in self.works):
-            self.eye.keep_only(np.any([work.accumulator.tiles.wanted_px for work in self.works], axis=0))
+            self.eye.want_only(np.any([work.accumulator.looked_up for work in self.works], axis=0))
             self._eye_is_settled = True
 
     def update_errors(self) -> float:

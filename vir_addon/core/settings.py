@@ -27,8 +27,8 @@ class PointStorage(enum.Enum):
 
 class Resolve(enum.Enum):
     ADAPTIVE = "adaptive"
-    """Pixels that the first batches find wholly lit or dark, with all pixels around, are not looked up again. What only a few samples of a
-    large light reach may be missed and ends in blocks."""
+    """Tiles that the first batches find wholly lit or dark, with all pixels around, are only probed from then on, and looked up again
+    where a probe finds something else."""
     FULL = "full"
 
 
@@ -43,7 +43,7 @@ class Settings:
     """None: every light that the scene shows"""
     stochastic_culling: bool = True
     """cull triangles below a tenth of a pixel with probability 1 - 10 A (Gavane & Watson 2022, section 3.2)"""
-    resolve: Resolve = Resolve.FULL
+    resolve: Resolve = Resolve.ADAPTIVE
     cull_hidden_points: bool = True
     """after the first batch of views, leave out points that none of its views is near to seeing (buffered points only)"""
     watertight: bool = True

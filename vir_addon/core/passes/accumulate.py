@@ -8,9 +8,9 @@ import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
 from ...device.interface import Device, Texture, TextureFormat
-from .tiles import Tiles
+from .tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
 
-TILE_PX = 16
+ERROR_TILE_PX = 16
 MIN_SETTLING_VIEWS = 16
 MIN_SETTLING_BATCHES = 2
 """What so many well-distributed light samples and sub-pixel offsets see alike is taken to be alike."""
@@ -46,15 +46,15 @@ PASS_STATES = ComputeDeclaration(
     constants={**SIZE_CONSTANTS, "batch_count": Constant("int", "batches in the sums")},
 )
 
-SETTLE_PIXELS = ComputeDeclaration(
-    name="settle_pixels",
-    text="finds the pixels that need not be looked up any more",
-    source="settle_pixels.comp.glsl",
+SETTLE_TILES = ComputeDeclaration(
+    name="settle_tiles",
+    text="finds the tiles that need not be looked up any more",
+    source="settle_tiles.comp.glsl",
     local_size=(8, 8, 1),
     textures={"states": Sampled("usampler2D", "one bit a state")},
-    images={"settled": Stored("R32UI", "write", "1 where later batches will find the same")},
+    images={"tile_states": Stored("R32UI", "write", "the state of all of a tile and around it; 0 where there are several")},
     constants=SIZE_CONSTANTS,
-    defines={"SETTLE_RADIUS_PX": SETTLE_RADIUS_PX},
+    defines={"SETTLE_RADIUS_PX": SETTLE_RADIUS_PX, "TILE_PX": TILE_PX},
 )
 
 
@@ -65,23 +65,52 @@ class PassAccumulator:
         self.device, self.width, self.height = device, width, height
         zeros = np.zeros((height, width, 4), np.float32)
         self.moments, self.coverage = device.upload_texture(zeros), device.upload_texture(zeros)
-        self.tiles = Tiles(device, np.ones((height, width), bool))
-        """what is still looked up"""
+        rows, columns = grid_shape(width, height)
+        self.disagreeing = device.create_texture(columns, rows, TextureFormat.R32UI)
+        """set by probes for settled tiles that are not what they were"""
+        self.tile_states = np.zeros((rows, columns), np.uint32)
+        """of settled tiles; 0: looked up"""
+        self._late_faces = np.zeros((rows, columns))
+        """of tiles reopened at this face: those of the batch before it, a bit each"""
+        self._repeats = np.ones((rows, columns))
+        """how many batches each batch in a tile's sums stands for, once this batch's faces are through"""
         self.batch_count = 0
         self.settled_batch_count = 0
-        """batches in the sums of pixels that are not looked up any more; 0 as long as all are"""
+        """batches in the sums of settled tiles; 0 as long as none were looked for"""
+        self._list_tiles()
+
+    def _list_tiles(self) -> None:
+        self.tiles = Tiles(self.device, self.looked_up, np.stack([self._late_faces, self._repeats], axis=-1))
+        self.settled_tiles = Tiles(self.device, ~self.looked_up, np.stack([self.tile_states, self._repeats], axis=-1))
+
+    @property
+    def looked_up(self) -> np.ndarray:
+        """(rows, columns) bool"""
+        return self.tile_states == 0
+
+    def begin_batch(self) -> None:
+        self.batch_count += 1
+        if self._late_faces.any() or (self._repeats != 1).any():
+            self._repeats[:] = 1
+            self._late_faces[:] = 0
+            self._relist_tiles()
+
+    def _relist_tiles(self) -> None:
+        self.tiles.release()
+        self.settled_tiles.release()
+        self._list_tiles()
 
     def settle(self, positions: Texture, normals: Texture) -> None:
         """Leave tiles out of later batches that lie in the middle of what is wholly lit, dark or background so far.
 
         positions, normals: of the latest eye G-buffer. Surfaces that meet or pass each other are looked up on.
         """
-        states = self.device.create_texture(self.width, self.height, TextureFormat.R32UI)
-        settled = self.device.create_texture(self.width, self.height, TextureFormat.R32UI)
+        rows, columns = self.tile_states.shape
         size = {"width": self.width, "height": self.height}
-        groups = (-(-self.width // 8), -(-self.height // 8), 1)
+        states = self.device.create_texture(self.width, self.height, TextureFormat.R32UI)
+        tile_states = self.device.create_texture(columns, rows, TextureFormat.R32UI)
         self.device.compute_kernel(PASS_STATES).dispatch(
-            groups,
+            (columns, rows, 1),
             moments=self.moments,
             coverage=self.coverage,
             positions=positions,
@@ -90,24 +119,39 @@ class PassAccumulator:
             batch_count=self.batch_count,
             **size,
         )
-        self.device.compute_kernel(SETTLE_PIXELS).dispatch(groups, states=states, settled=settled, **size)
-        unsettled = self.device.read(settled) == 0
-        for texture in (states, settled, self.tiles):
-            texture.release()
-        self.tiles = Tiles(self.device, unsettled)
+        groups = (-(-columns // 8), -(-rows // 8), 1)
+        self.device.compute_kernel(SETTLE_TILES).dispatch(groups, states=states, tile_states=tile_states, **size)
+        self.tile_states = self.device.read(tile_states)
+        states.release()
+        tile_states.release()
         self.settled_batch_count = self.batch_count
+        self._relist_tiles()
+
+    def reopen(self, face_mask_before: int) -> np.ndarray:
+        """Look tiles up again that the probes of this batch found changed, and those around them.
+
+        The batches that they were left out of count as found by probes: as they were. face_mask_before: faces of this batch that were
+        looked up already. Returns (rows, columns) bool, the tiles.
+        """
+        reopened = with_neighbours(self.device.read(self.disagreeing) > 0) & ~self.looked_up
+        if reopened.any() or self._late_faces.any():
+            self.tile_states = np.where(reopened, 0, self.tile_states).astype(np.uint32)
+            self._late_faces = np.where(reopened, face_mask_before, 0)
+            self._repeats[reopened] = (self.batch_count - 1) / self.settled_batch_count
+            self._relist_tiles()
+        return reopened
 
     @property
     def settled_share(self) -> float:
-        """of the pixels"""
-        return 1 - float(self.tiles.wanted_px.mean())
+        """of the tiles"""
+        return 1 - float(self.looked_up.mean())
 
     def compute_error(self) -> float:
         """RMS over lit pixels of the standard error, from the spread between batches. Batches are stratified together, so the
         true error of their mean is smaller. Infinite before there are two batches."""
         if self.batch_count < 2:
             return math.inf
-        tiles = (-(-self.width // TILE_PX), -(-self.height // TILE_PX))
+        tiles = (-(-self.width // ERROR_TILE_PX), -(-self.height // ERROR_TILE_PX))
         sums_texture = self.device.create_texture(*tiles, TextureFormat.RGBA32F)
         self.device.compute_kernel(PASS_ERROR).dispatch(
             (-(-tiles[0] // 8), -(-tiles[1] // 8), 1),
@@ -127,13 +171,13 @@ class PassAccumulator:
         """(height, width) float32 each: shadowed, delivered (per batch), and the share of eye samples that saw a surface"""
         moments = self.device.read(self.moments)
         surfaces = self.device.read(self.coverage)[..., 1]
-        batches = np.where(self.tiles.wanted_px, max(self.batch_count, 1), max(self.settled_batch_count, 1)).astype(np.float32)
+        tile_batches = np.where(self.looked_up, max(self.batch_count, 1), max(self.settled_batch_count, 1))
+        batches = spread_to_pixels(tile_batches, self.width, self.height).astype(np.float32)
         return moments[..., 0] / batches, moments[..., 1] / batches, surfaces / batches
 
     def release(self) -> None:
-        self.moments.release()
-        self.tiles.release()
-        self.coverage.release()
+        for resource in (self.moments, self.coverage, self.disagreeing, self.tiles, self.settled_tiles):
+            resource.release()
 
 
 def pass_image(shadowed: np.ndarray, delivered: np.ndarray, surface_share: np.ndarray) -> np.ndarray:

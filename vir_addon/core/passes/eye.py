@@ -7,6 +7,7 @@ serves nine offsets, which are moved to the nearest of its samples (by at most a
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from ...device.interface import Device, TextureFormat
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera, SceneSnapshot
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
-from .tiles import TILE_CONSTANTS, TILE_PX, TILE_TEXTURES, Tiles
+from .tiles import PROBES_FLAG, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, grid_shape
 
 SAMPLES_PER_PX = (3, 2, 1)
 """visibility samples along a pixel's side: the first that MAX_VISIBILITY_TEXELS allows"""
@@ -63,7 +64,8 @@ SURFACE = ComputeDeclaration(
         "sample_y": Constant("int", "the same in y"),
     },
     tables={"eye": Table(5, "from the eye to the image plane at pixel (0, 0), steps a pixel in x and y, eye (w: orthographic), direction")},
-    defines=SCENE_DEFINES,
+    flags=PROBES_FLAG,
+    defines={**SCENE_DEFINES, **TILE_DEFINES},
 )
 
 
@@ -101,9 +103,11 @@ class EyePass:
         self.target = device.create_target(self.visibility, self.depth)
         self.positions = device.create_texture(*self.size, TextureFormat.RGBA32F)
         self.normals = device.create_texture(*self.size, TextureFormat.RGBA32F)
-        self.tiles = Tiles(device, np.ones((snapshot.height_px, snapshot.width_px), bool))
+        self.wanted = np.ones(grid_shape(*self.size), bool)
+        self.tiles, self.probed_tiles = Tiles(device, self.wanted), Tiles(device, ~self.wanted)
+        self._index = 0
         self.rasterize = device.raster_kernel(VISIBILITY)
-        self.surface = device.compute_kernel(SURFACE)
+        self.surface, self.surface_probes = device.compute_kernel(SURFACE), device.compute_kernel(SURFACE, "PROBES")
         # an orthographic camera sees from infinitely far away, as far as culling can tell: everything is drawn
         eye_ws = snapshot.camera.world_from_view[None, :3, 3]
         culled = None if snapshot.camera.is_orthographic else cullable_instances(snapshot, bounds, eye_ws)
@@ -117,33 +121,51 @@ class EyePass:
             self.samples_per_px * (height + 2 * self.margin_px),
         )
 
-    def render(self, index: int) -> None:
-        """The G-buffer of the offset with this number, in the tiles of `tiles`; elsewhere it keeps what it has."""
-        base = self.base_offsets_px[self.visibility_index[index]]
+    def render(self, index: int, batch: int) -> None:
+        """The G-buffer of the offset with this number, in the wanted tiles and at the batch's probes of all others; elsewhere it keeps
+        what it has."""
+        self._index = index
         if self.visibility_index[index] != self._current_visibility:
-            self._rasterize(base + 0.5 - 0.5 / self.samples_per_px)
+            self._rasterize(self.base_offsets_px[self.visibility_index[index]] + 0.5 - 0.5 / self.samples_per_px)
             self._current_visibility = int(self.visibility_index[index])
-        width, height = self.size
-        self.tiles.dispatch(
-            self.surface,
-            **self.scene_data.bindings,
-            corner_normals=self.scene_data.corner_normals,
-            visibility=self.visibility,
-            positions=self.positions,
-            normals=self.normals,
-            width=width,
-            height=height,
-            margin_px=self.margin_px,
-            samples_per_px=self.samples_per_px,
-            sample_x=int(self.samples[index, 0]),
-            sample_y=int(self.samples[index, 1]),
-            eye=self._eye_table(base + self.samples[index] / self.samples_per_px),
-        )
+        bindings = self._surface_bindings()
+        self.tiles.dispatch(self.surface, **bindings)
+        self.probed_tiles.dispatch_probes(self.surface_probes, batch, **bindings)
 
-    def keep_only(self, wanted: np.ndarray) -> None:
-        """From now on render only tiles that hold a wanted pixel, (height, width) bool."""
+    def want_only(self, wanted: np.ndarray) -> None:
+        """From now on render these tiles only, (rows, columns) bool."""
+        self.wanted = wanted
         self.tiles.release()
-        self.tiles = Tiles(self.device, wanted)
+        self.probed_tiles.release()
+        self.tiles, self.probed_tiles = Tiles(self.device, wanted), Tiles(self.device, ~wanted)
+
+    def want_also(self, added: np.ndarray) -> None:
+        """Render these tiles as well, from this batch on, (rows, columns) bool."""
+        if not (added & ~self.wanted).any():
+            return
+        missing = Tiles(self.device, added & ~self.wanted)
+        missing.dispatch(self.surface, **self._surface_bindings())
+        missing.release()
+        self.want_only(self.wanted | added)
+
+    def _surface_bindings(self) -> dict[str, Any]:
+        width, height = self.size
+        sample = self.samples[self._index]
+        base = self.base_offsets_px[self.visibility_index[self._index]]
+        return {
+            **self.scene_data.bindings,
+            "corner_normals": self.scene_data.corner_normals,
+            "visibility": self.visibility,
+            "positions": self.positions,
+            "normals": self.normals,
+            "width": width,
+            "height": height,
+            "margin_px": self.margin_px,
+            "samples_per_px": self.samples_per_px,
+            "sample_x": int(sample[0]),
+            "sample_y": int(sample[1]),
+            "eye": self._eye_table(base + sample / self.samples_per_px),
+        }
 
     def _rasterize(self, shift_px: np.ndarray) -> None:
         """shift_px: (2,) from a pixel's centre to the middle between its samples"""
@@ -178,8 +200,8 @@ class EyePass:
         return table
 
     def release(self) -> None:
-        for texture in (self.visibility, self.depth, self.positions, self.normals, self.tiles):
-            texture.release()
+        for resource in (self.visibility, self.depth, self.positions, self.normals, self.tiles, self.probed_tiles):
+            resource.release()
         self.target.release()
 
 

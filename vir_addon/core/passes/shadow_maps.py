@@ -15,7 +15,7 @@ from ...device.interface import Device, RenderTarget, Texture, TextureFormat
 from ..scene import Light
 from ..views import FaceViews, light_axes
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, WORK_GROUP_SIZE
-from .tiles import TILE_CONSTANTS, TILE_PX, TILE_TEXTURES
+from .tiles import PROBES_FLAG, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES
 
 MAX_BATCH_VIEWS = 8
 """Maps that exist at the same time. More would leave the caches: 64 at once took up to 4 times longer a look-up."""
@@ -273,6 +273,7 @@ RESOLVE = ComputeDeclaration(
         "moments": Stored("RGBA32F", "read_write", "sums over batches of shadowed s, delivered d, s^2, s d"),
         "coverage": Stored("RGBA32F", "read_write", "sums over batches of d^2 and of surface samples"),
         "batch_sums": Stored("RGBA32F", "read_write", "s and d of the faces of this batch so far"),
+        "disagreeing": Stored("R32UI", "write", "with PROBES: 1 for tiles of which a pixel is not as all of them were before"),
     },
     constants={
         "width": Constant("int", "of the picture, pixels"),
@@ -293,7 +294,9 @@ RESOLVE = ComputeDeclaration(
         "RECEIVER_LINKING": "leave out instances that the light does not illuminate",
         "MANY_FACES": "several faces share the directions",
         "POINT_MAPS": "the maps were splatted: undo the half texel by which that enlarges outlines",
+        **PROBES_FLAG,
     },
+    defines=TILE_DEFINES,
 )
 
 
