@@ -134,7 +134,7 @@ def test_auto_takes_what_is_predicted_to_be_faster(row_count):
     assert "times faster" in line.reason
 
 
-@pytest.mark.parametrize("arguments", [{"view_count": 0}, {"view_count": 5000}, {"map_resolution_px": 8}, {"point_buffer_mib": 0}])
+@pytest.mark.parametrize("arguments", [{"view_count": 0}, {"view_count": 5000}, {"map_resolution_px": 8}, {"replay_buffer_mib": 0}])
 def test_settings_out_of_range(arguments):
     with pytest.raises(UsageError):
         Settings(**arguments)

@@ -109,7 +109,7 @@ class ReplayMethod(DepthMapMethod):
         """Once, after a batch large enough to stand for all views, and only if there are others left to gain from it. What is made
         again for every batch would be searched every time."""
         return (
-            self.settings.cull_hidden_points
+            self.settings.cull_hidden
             and not (self._has_searched_hidden or self._was_dropped)
             and len(selected) == MAX_BATCH_VIEWS < self.fitted.views.view_count
         )

@@ -39,12 +39,12 @@ class PointScratch:
 
 
 class SharedByFaces:
-    """`Settings.point_buffer_mib` is for all lights together. What does not fit beside what other faces keep pushes out what was used
+    """`Settings.replay_buffer_mib` is for all lights together. What does not fit beside what other faces keep pushes out what was used
     last before it: faces take turns, so those used longest ago are needed next."""
 
     def __init__(self, device: Device, settings: Settings) -> None:
         self.device = device
-        self.budget_bytes = settings.point_buffer_mib << 20
+        self.budget_bytes = settings.replay_buffer_mib << 20
         self._keepers: list[ReplayKeeper] = []
         """those that hold something, the one used last at the end"""
 
