@@ -124,6 +124,7 @@ def test_exit_statuses(blend, folder):
         (2, "is none of auto, mvr, ivir", ("render", blend, "--output", folder / "x", "--method", "magic")),
         (2, "required", ("render", blend)),
         (2, "views must be", ("plan", blend, "--views", "0")),
+        (2, "choose the method ivir", ("plan", blend, "--method", "micro", "--points", "bufferless")),
         (3, "is not there", ("render", folder / "missing.blend", "--output", folder / "x")),
         (3, "not a .blend", ("plan", broken)),
         (3, "camera", ("plan", no_camera)),

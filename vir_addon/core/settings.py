@@ -36,6 +36,7 @@ class Resolve(enum.Enum):
 class Settings:
     method: Method = Method.AUTO
     points: PointStorage = PointStorage.BUFFERED
+    """of ivir; with AUTO it counts for lights that ivir is chosen for"""
     view_count: int = 64
     """light samples of a light with size; lights without size get one"""
     map_resolution_px: int = 1024
@@ -57,5 +58,10 @@ class Settings:
             raise UsageError(f"views must be 1 to 4096, not {self.view_count}")
         if not 16 <= self.map_resolution_px <= 8192:
             raise UsageError(f"the map resolution must be 16 to 8192, not {self.map_resolution_px}")
+        if self.points is PointStorage.BUFFERLESS and not (self.method.uses_points or self.method is Method.AUTO):
+            raise UsageError(
+                f"points cannot be {self.points.value} with the method {self.method.value}, which makes none; "
+                f"choose the method {Method.IVIR.value}, or leave the choice of points out"
+            )
         if self.replay_buffer_mib < 1:
             raise UsageError("the replay buffer needs at least 1 MiB")
