@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..device.interface import Device, Texture
-from .bounds import SceneBounds, cullable_instances
+from .bounds import cullable_instances
 from .fit import FittedFace, fit_light, light_hull, select_receivers
 from .methods import depth_map_method
 from .methods.base import DepthMapMethod, FaceJob
@@ -19,7 +19,7 @@ from .passes.scene_data import SceneData
 from .passes.shadow_maps import RESOLVE, DepthMaps, face_table, samples_table, views_table
 from .plan import PlannedPass, RenderPlan
 from .sampling import light_samples, sample_weights
-from .scene import Light, LightShape, SceneSnapshot
+from .scene import Light, LightShape
 from .settings import Resolve, Settings
 from .stopwatch import Stopwatch
 
@@ -82,9 +82,10 @@ class LightWork:
         self.reference_m = 1.0
         """distance at which the light delivers 1 in the running sums, which keeps them near 1 in scenes of any scale"""
 
-    def fit(self, snapshot: SceneSnapshot, bounds: SceneBounds, positions: np.ndarray, normals: np.ndarray, stopwatch: Stopwatch) -> None:
+    def fit(self, positions: np.ndarray, normals: np.ndarray, stopwatch: Stopwatch) -> None:
         """Fit the views to the surfaces of an eye G-buffer, (height, width, 4) each, and make what all batches share."""
         with stopwatch.stage("points"):
+            snapshot, bounds = self.scene_data.snapshot, self.plan.bounds
             receivers = select_receivers(positions, normals, self.light)
             fitted_faces, is_cube = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, self.planned.map_resolution_px)
             if is_cube:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -46,6 +46,8 @@ class PlannedPass:
 @dataclass(frozen=True)
 class RenderPlan:
     settings: Settings
+    bounds: SceneBounds = field(repr=False, compare=False)
+    """of the snapshot that was planned"""
     passes: tuple[PlannedPass, ...]
     batch_count: int
     """steps after which a valid picture exists; each renders its share of every light's views"""
@@ -74,6 +76,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     eye_ms = cost.eye_ms(snapshot, eye_sample_count)
     return RenderPlan(
         settings=settings,
+        bounds=bounds,
         passes=passes,
         batch_count=batch_count,
         eye_sample_count=eye_sample_count,

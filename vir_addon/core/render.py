@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..device.interface import Device
-from .bounds import compute_bounds
 from .light_work import LightWork, MapStore
 from .pass_set import COMBINED_PASS_NAME, PassSet, PassStatistics, SetStatistics
 from .passes.accumulate import pass_image
@@ -130,11 +129,10 @@ class Renderer:
                 self.statistics.passes.append(PassStatistics(planned.pass_name, planned.light_name, "none", planned.reason))
         if not self.needs_eye:
             return
-        bounds = compute_bounds(self.snapshot)
         with self.stopwatch.stage("upload"):
             self.scene_data = SceneData(self.snapshot, self.device)
             self._cleanup.callback(self.scene_data.release)
-            self.eye = EyePass(self.snapshot, self.scene_data, self.device, bounds, self.offsets_px)
+            self.eye = EyePass(self.snapshot, self.scene_data, self.device, self.plan.bounds, self.offsets_px)
             self._cleanup.callback(self.eye.release)
             self.store = MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, self.plan.settings)
             self._cleanup.callback(self.store.release)
@@ -149,7 +147,7 @@ class Renderer:
                 self.works.append(work)
                 self.statistics.passes.append(work.statistics)
                 with self.stopwatch.billed_to(work.statistics.stage_ms):
-                    work.fit(self.snapshot, bounds, positions, normals, self.stopwatch)
+                    work.fit(positions, normals, self.stopwatch)
         self.statistics.passes.sort(key=lambda statistics: statistics.light_name)
 
     def _render_eye(self, batch: int) -> None:
