@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..device.interface import Device, Texture
+from ..device.owned import Owned
 from .bounds import cullable_instances
 from .fit import FittedFace, fit_light, light_hull, select_receivers
 from .methods import depth_map_method
@@ -29,23 +30,21 @@ class MapStore:
 
     def __init__(self, device: Device, width: int, height: int, settings: Settings) -> None:
         self.device = device
-        self.shared = SharedByFaces(device, settings)
-        self.batch_sums: Texture = device.upload_texture(np.zeros((height, width, 4), np.float32))
-        self.no_receivers: Texture = device.upload_array(np.ones((1, 4), np.float32))
         self._maps: dict[tuple[int, int, int], DepthMaps] = {}
+        with Owned() as owned:
+            self.shared = owned.own(SharedByFaces(device, settings))
+            self.batch_sums: Texture = owned.own(device.upload_texture(np.zeros((height, width, 4), np.float32)))
+            self.no_receivers: Texture = owned.own(device.upload_array(np.ones((1, 4), np.float32)))
+            self._owned = owned.pop_all()
 
     def maps(self, width_px: int, height_px: int, view_count: int) -> DepthMaps:
         key = (max(width_px, 1), max(height_px, 1), view_count)
         if key not in self._maps:
-            self._maps[key] = DepthMaps(self.device, *key)
+            self._maps[key] = self._owned.own(DepthMaps(self.device, *key))
         return self._maps[key]
 
     def release(self) -> None:
-        self.shared.release()
-        self.batch_sums.release()
-        self.no_receivers.release()
-        for maps in self._maps.values():
-            maps.release()
+        self._owned.close()
 
 
 class LightWork:
@@ -56,7 +55,6 @@ class LightWork:
         self.light: Light = next(light for light in snapshot.lights if light.name == planned.light_name)
         self.samples_m = light_samples(self.light, planned.view_count)
         self.sample_weights = sample_weights(self.light, self.samples_m)
-        self.accumulator = PassAccumulator(self.device, snapshot.width_px, snapshot.height_px)
         self.resolve_flags: list[str] = []
         if planned.method.uses_points:
             self.resolve_flags.append("POINT_MAPS")
@@ -65,11 +63,14 @@ class LightWork:
         if self.light.shape is LightShape.SUN:
             self.resolve_flags.append("ORTHOGRAPHIC")
         self.receivers = store.no_receivers
-        if self.light.receivers is not None:
-            rows = np.zeros((len(self.light.receivers), 4), np.float32)
-            rows[:, 0] = self.light.receivers
-            self.receivers = self.device.upload_array(rows)
-            self.resolve_flags.append("RECEIVER_LINKING")
+        with Owned() as owned:
+            self.accumulator = owned.own(PassAccumulator(self.device, snapshot.width_px, snapshot.height_px))
+            if self.light.receivers is not None:
+                rows = np.zeros((len(self.light.receivers), 4), np.float32)
+                rows[:, 0] = self.light.receivers
+                self.receivers = owned.own(self.device.upload_array(rows))
+                self.resolve_flags.append("RECEIVER_LINKING")
+            self._owned = owned.pop_all()
         self.statistics = PassStatistics(
             planned.pass_name,
             planned.light_name,
@@ -94,8 +95,7 @@ class LightWork:
             if not is_sun:
                 self.reference_m = max((fitted.views.far_m for fitted in fitted_faces), default=1.0)
             culled = cullable_instances(snapshot, bounds, None if is_sun else light_hull(self.light, self.samples_m))
-            for fitted in fitted_faces:
-                self.faces.append(self._face(fitted, culled))
+            self.faces = [self._face(fitted, culled) for fitted in fitted_faces]
             for _, _, method in self.faces:
                 if method is not None:
                     method.prepare()
@@ -106,7 +106,7 @@ class LightWork:
         if not len(fitted.caster_indices):
             return fitted, table, None
         job = FaceJob(self.scene_data, fitted, table, culled, self.light, self.samples_m, self.plan.settings, self.store.shared)
-        return fitted, table, depth_map_method(self.planned, job)
+        return fitted, table, self._owned.own(depth_map_method(self.planned, job))
 
     def _update_statistics(self) -> None:
         methods = [method for _, _, method in self.faces if method is not None]
@@ -191,9 +191,4 @@ class LightWork:
         )
 
     def release(self) -> None:
-        for _, _, method in self.faces:
-            if method is not None:
-                method.release()
-        self.accumulator.release()
-        if self.receivers is not self.store.no_receivers:
-            self.receivers.release()
+        self._owned.close()

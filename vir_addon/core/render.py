@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..device.interface import Device
+from ..device.owned import Owned
 from .light_work import LightWork, MapStore
 from .pass_set import COMBINED_PASS_NAME, PassSet, PassStatistics, SetStatistics
 from .passes.accumulate import pass_image
@@ -102,7 +103,7 @@ class Renderer:
         self.surface_share_sum = np.zeros((snapshot.height_px, snapshot.width_px), np.float32)
         self.batches_done = 0
         self.works: list[LightWork] = []
-        self._cleanup = contextlib.ExitStack()
+        self._owned = Owned()
         self._current_offset = -1
         self._eye_is_settled = False
         self.statistics = SetStatistics(
@@ -130,20 +131,16 @@ class Renderer:
         if not self.needs_eye:
             return
         with self.stopwatch.stage("upload"):
-            self.scene_data = SceneData(self.snapshot, self.device)
-            self._cleanup.callback(self.scene_data.release)
-            self.eye = EyePass(self.snapshot, self.scene_data, self.device, self.plan.bounds, self.offsets_px)
-            self._cleanup.callback(self.eye.release)
-            self.store = MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, self.plan.settings)
-            self._cleanup.callback(self.store.release)
+            self.scene_data = self._owned.own(SceneData(self.snapshot, self.device))
+            self.eye = self._owned.own(EyePass(self.snapshot, self.scene_data, self.device, self.plan.bounds, self.offsets_px))
+            self.store = self._owned.own(MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, self.plan.settings))
         self._render_eye(0)
         if any(planned.runs for planned in self.plan.passes):
             with self.stopwatch.stage("read-back"):
                 positions, normals = self.device.read(self.eye.positions), self.device.read(self.eye.normals)
         for planned in self.plan.passes:
             if planned.runs:
-                work = LightWork(planned, self.plan, self.scene_data, self.store)
-                self._cleanup.callback(work.release)
+                work = self._owned.own(LightWork(planned, self.plan, self.scene_data, self.store))
                 self.works.append(work)
                 self.statistics.passes.append(work.statistics)
                 with self.stopwatch.billed_to(work.statistics.stage_ms):
@@ -202,7 +199,7 @@ class Renderer:
         return dict(sorted(images.items()))
 
     def close(self) -> None:
-        self.device.run(self._cleanup.close)
+        self.device.run(self._owned.close)
 
 
 def combined_weight(light: Light, view_count: int, batch_count: int, reference_m: float) -> float:

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Protocol
 
 from ...device.interface import Device, TextureFormat
+from ...device.owned import Owned
 from ..settings import Settings
 from .linear_store import LinearStore
 
@@ -29,13 +30,14 @@ class PointScratch:
     """Lists of `ivir` that live while points are made."""
 
     def __init__(self, device: Device) -> None:
-        self.counters = device.create_texture(4, 1, TextureFormat.R32UI)
-        self.tiles = LinearStore(device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY)
-        self.parts = LinearStore(device, TEXELS_PER_TILE * FIRST_PART_CAPACITY)
+        with Owned() as owned:
+            self.counters = owned.own(device.create_texture(4, 1, TextureFormat.R32UI))
+            self.tiles = owned.own(LinearStore(device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY))
+            self.parts = owned.own(LinearStore(device, TEXELS_PER_TILE * FIRST_PART_CAPACITY))
+            self._owned = owned.pop_all()
 
     def release(self) -> None:
-        for store in (self.counters, self.tiles, self.parts):
-            store.release()
+        self._owned.close()
 
 
 class SharedByFaces:

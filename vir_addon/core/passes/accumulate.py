@@ -8,6 +8,7 @@ import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
 from ...device.interface import Device, Texture, TextureFormat
+from ...device.owned import Owned
 from .tiles import Tiles
 
 TILE_PX = 16
@@ -64,9 +65,11 @@ class PassAccumulator:
     def __init__(self, device: Device, width: int, height: int) -> None:
         self.device, self.width, self.height = device, width, height
         zeros = np.zeros((height, width, 4), np.float32)
-        self.moments, self.coverage = device.upload_texture(zeros), device.upload_texture(zeros)
-        self.tiles = Tiles(device, np.ones((height, width), bool))
-        """what is still looked up"""
+        with Owned() as owned:
+            self.moments, self.coverage = owned.own(device.upload_texture(zeros)), owned.own(device.upload_texture(zeros))
+            self.tiles = Tiles(device, np.ones((height, width), bool))
+            """what is still looked up"""
+            self._owned = owned.pop_all()
         self.batch_count = 0
         self.settled_batch_count = 0
         """batches in the sums of pixels that are not looked up any more; 0 as long as all are"""
@@ -76,25 +79,26 @@ class PassAccumulator:
 
         positions, normals: of the latest eye G-buffer. Surfaces that meet or pass each other are looked up on.
         """
-        states = self.device.create_texture(self.width, self.height, TextureFormat.R32UI)
-        settled = self.device.create_texture(self.width, self.height, TextureFormat.R32UI)
         size = {"width": self.width, "height": self.height}
         groups = (-(-self.width // 8), -(-self.height // 8), 1)
-        self.device.compute_kernel(PASS_STATES).dispatch(
-            groups,
-            moments=self.moments,
-            coverage=self.coverage,
-            positions=positions,
-            normals=normals,
-            states=states,
-            batch_count=self.batch_count,
-            **size,
-        )
-        self.device.compute_kernel(SETTLE_PIXELS).dispatch(groups, states=states, settled=settled, **size)
-        unsettled = self.device.read(settled) == 0
-        for texture in (states, settled, self.tiles):
-            texture.release()
-        self.tiles = Tiles(self.device, unsettled)
+        with Owned() as temporary:
+            states = temporary.own(self.device.create_texture(self.width, self.height, TextureFormat.R32UI))
+            settled = temporary.own(self.device.create_texture(self.width, self.height, TextureFormat.R32UI))
+            self.device.compute_kernel(PASS_STATES).dispatch(
+                groups,
+                moments=self.moments,
+                coverage=self.coverage,
+                positions=positions,
+                normals=normals,
+                states=states,
+                batch_count=self.batch_count,
+                **size,
+            )
+            self.device.compute_kernel(SETTLE_PIXELS).dispatch(groups, states=states, settled=settled, **size)
+            unsettled = self.device.read(settled) == 0
+        tiles = Tiles(self.device, unsettled)
+        self.tiles.release()
+        self.tiles = tiles
         self.settled_batch_count = self.batch_count
 
     @property
@@ -108,17 +112,17 @@ class PassAccumulator:
         if self.batch_count < 2:
             return math.inf
         tiles = (-(-self.width // TILE_PX), -(-self.height // TILE_PX))
-        sums_texture = self.device.create_texture(*tiles, TextureFormat.RGBA32F)
-        self.device.compute_kernel(PASS_ERROR).dispatch(
-            (-(-tiles[0] // 8), -(-tiles[1] // 8), 1),
-            moments=self.moments,
-            coverage=self.coverage,
-            tile_sums=sums_texture,
-            width=self.width,
-            height=self.height,
-        )
-        sums = self.device.read(sums_texture).astype(np.float64)
-        sums_texture.release()
+        with Owned() as temporary:
+            sums_texture = temporary.own(self.device.create_texture(*tiles, TextureFormat.RGBA32F))
+            self.device.compute_kernel(PASS_ERROR).dispatch(
+                (-(-tiles[0] // 8), -(-tiles[1] // 8), 1),
+                moments=self.moments,
+                coverage=self.coverage,
+                tile_sums=sums_texture,
+                width=self.width,
+                height=self.height,
+            )
+            sums = self.device.read(sums_texture).astype(np.float64)
         squared, count = sums[..., 0].sum(), sums[..., 1].sum()
         correction = self.batch_count / (self.batch_count - 1)
         return math.sqrt(correction * squared / count) if count else 0.0
@@ -131,9 +135,8 @@ class PassAccumulator:
         return moments[..., 0] / batches, moments[..., 1] / batches, surfaces / batches
 
     def release(self) -> None:
-        self.moments.release()
         self.tiles.release()
-        self.coverage.release()
+        self._owned.close()
 
 
 def pass_image(shadowed: np.ndarray, delivered: np.ndarray, surface_share: np.ndarray) -> np.ndarray:

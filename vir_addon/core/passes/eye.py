@@ -12,6 +12,7 @@ import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table, Varying
 from ...device.interface import Device, TextureFormat
+from ...device.owned import Owned
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera, SceneSnapshot
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
@@ -96,18 +97,20 @@ class EyePass:
                 break
         self.visibility_index, self.base_offsets_px, self.samples = share_visibility(offsets_px, self.samples_per_px)
         self._current_visibility = -1
-        self.visibility = device.create_texture(*self._visibility_size, TextureFormat.RG32UI)
-        self.depth = device.create_texture(*self._visibility_size, TextureFormat.DEPTH32F)
-        self.target = device.create_target(self.visibility, self.depth)
-        self.positions = device.create_texture(*self.size, TextureFormat.RGBA32F)
-        self.normals = device.create_texture(*self.size, TextureFormat.RGBA32F)
-        self.tiles = Tiles(device, np.ones((snapshot.height_px, snapshot.width_px), bool))
         self.rasterize = device.raster_kernel(VISIBILITY)
         self.surface = device.compute_kernel(SURFACE)
         # an orthographic camera sees from infinitely far away, as far as culling can tell: everything is drawn
         eye_ws = snapshot.camera.world_from_view[None, :3, 3]
         culled = None if snapshot.camera.is_orthographic else cullable_instances(snapshot, bounds, eye_ws)
         self.draws = scene_data.draws(np.flatnonzero(snapshot.instances.visible_to_camera), culled)
+        with Owned() as owned:
+            self.visibility = owned.own(device.create_texture(*self._visibility_size, TextureFormat.RG32UI))
+            self.depth = owned.own(device.create_texture(*self._visibility_size, TextureFormat.DEPTH32F))
+            self.target = owned.own(device.create_target(self.visibility, self.depth))
+            self.positions = owned.own(device.create_texture(*self.size, TextureFormat.RGBA32F))
+            self.normals = owned.own(device.create_texture(*self.size, TextureFormat.RGBA32F))
+            self.tiles = Tiles(device, np.ones((snapshot.height_px, snapshot.width_px), bool))
+            self._owned = owned.pop_all()
 
     @property
     def _visibility_size(self) -> tuple[int, int]:
@@ -142,8 +145,9 @@ class EyePass:
 
     def keep_only(self, wanted: np.ndarray) -> None:
         """From now on render only tiles that hold a wanted pixel, (height, width) bool."""
+        tiles = Tiles(self.device, wanted)
         self.tiles.release()
-        self.tiles = Tiles(self.device, wanted)
+        self.tiles = tiles
 
     def _rasterize(self, shift_px: np.ndarray) -> None:
         """shift_px: (2,) from a pixel's centre to the middle between its samples"""
@@ -178,9 +182,8 @@ class EyePass:
         return table
 
     def release(self) -> None:
-        for texture in (self.visibility, self.depth, self.positions, self.normals, self.tiles):
-            texture.release()
-        self.target.release()
+        self.tiles.release()
+        self._owned.close()
 
 
 def share_visibility(offsets_px: np.ndarray, samples_per_px: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
