@@ -3,9 +3,22 @@
 import numpy as np
 import pytest
 
-from tests.scenes import area_light, box, bumpy_sphere, floor, perspective_camera, point_light, render_passes, snapshot, spot_light
+from tests.scenes import (
+    area_light,
+    box,
+    bumpy_sphere,
+    floor,
+    perspective_camera,
+    point_light,
+    rectangle,
+    render_passes,
+    snapshot,
+    spot_light,
+    sun_light,
+)
 from vir_addon.core.errors import SceneError, UsageError
 from vir_addon.core.plan import plan
+from vir_addon.core.render import render
 from vir_addon.core.settings import Method, PointStorage, Settings
 
 WIDTH, HEIGHT = 48, 27
@@ -42,6 +55,36 @@ def test_no_work_for_nothing(device, reason):
     image = render_passes(scene, device)["VIR Shadow Key"]
     assert set(np.unique(image)) <= {1.0, surface_value}
     assert (image == surface_value).any() and image[-1, 0] == 1
+
+
+WALL = rectangle("wall", (-4, 4, 0), (8, 0, 0), (0, 1, 4))
+SHADE = rectangle("shade", (-1, -1, 1), (2, 0, 0), (0, 2, 0))
+ASIDE = box("aside", (30, 0, 0.5), (0.5, 0.5, 0.5))
+NO_MAP = {
+    # what else there is -> whether the plan, and whether the renderer, finds something that may cast
+    "a floor": ([], False, False),
+    "a floor and a wall": ([WALL], False, False),
+    "a shade over it": ([SHADE], True, True),
+    "a box beside it": ([ASIDE], True, False),
+}
+
+
+@pytest.mark.parametrize("light", [area_light(), point_light(), spot_light(cone_rad=3.0), sun_light()], ids=lambda light: light.shape.value)
+@pytest.mark.parametrize("case", NO_MAP)
+def test_no_map_where_nothing_casts(device, case, light):
+    others, may_cast, casts = NO_MAP[case]
+    camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
+    scene = snapshot([floor(4.0), *others], [light], camera, WIDTH, HEIGHT)
+    work = plan(scene, Settings(map_resolution_px=64, view_count=8))
+    (line,) = work.passes
+    *_, progress = render(scene, work, device)
+    (made,) = progress.statistics.passes
+    assert line.runs and line.needs_maps == may_cast and ("no map needed" in line.reason) != may_cast
+    assert (made.method == "none", made.map_resolution_px == 0, made.reason.count("no map needed")) == (not casts, not casts, not casts)
+    assert ("splat or raster" in made.stage_ms) == casts
+    image = progress.passes["VIR Shadow Key"]
+    # the light lights all that is in the picture, from before it
+    assert (image.min() < 0.9) if casts else (image == 1).all()
 
 
 def test_kinds_of_light_are_named():

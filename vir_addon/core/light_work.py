@@ -18,7 +18,7 @@ from .passes.accumulate import MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, PassAcc
 from .passes.eye import EyePass
 from .passes.scene_data import SceneData
 from .passes.shadow_maps import RESOLVE, DepthMaps, face_table, samples_table, views_table
-from .plan import PlannedPass, RenderPlan
+from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
 from .sampling import light_samples, sample_weights
 from .scene import Light, LightShape
 from .settings import Resolve, Settings
@@ -99,6 +99,10 @@ class LightWork:
             for _, _, method in self.faces:
                 if method is not None:
                     method.prepare()
+        if not any(method for _, _, method in self.faces):
+            self.statistics.method, self.statistics.map_resolution_px = "none", 0
+            if self.planned.needs_maps:
+                self.statistics.reason = f"{self.planned.reason}; {NO_MAP_REASON}"
         self._update_statistics()
 
     def _face(self, fitted: FittedFace, culled: np.ndarray) -> tuple[FittedFace, np.ndarray, DepthMapMethod | None]:
