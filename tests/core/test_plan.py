@@ -57,7 +57,7 @@ def test_no_work_for_nothing(device, reason):
     assert (image == surface_value).any() and image[-1, 0] == 1
 
 
-WALL = rectangle("wall", (-4, 4, 0), (8, 0, 0), (0, 1, 4))
+WALL = rectangle("wall", (-4, 4, 0), (8, 0, 0), (0, 0, 4))
 SHADE = rectangle("shade", (-1, -1, 1), (2, 0, 0), (0, 2, 0))
 ASIDE = box("aside", (30, 0, 0.5), (0.5, 0.5, 0.5))
 NO_MAP = {
@@ -69,7 +69,7 @@ NO_MAP = {
 }
 
 
-@pytest.mark.parametrize("light", [area_light(), point_light(), spot_light(cone_rad=3.0), sun_light()], ids=lambda light: light.shape.value)
+@pytest.mark.parametrize("light", [area_light(), point_light(), spot_light(cone_rad=3.0), sun_light(eye=(0, -2, 5))], ids=lambda light: light.shape.value)
 @pytest.mark.parametrize("case", NO_MAP)
 def test_no_map_where_nothing_casts(device, case, light):
     others, may_cast, casts = NO_MAP[case]
