@@ -69,7 +69,9 @@ NO_MAP = {
 }
 
 
-@pytest.mark.parametrize("light", [area_light(), point_light(), spot_light(cone_rad=3.0), sun_light(eye=(0, -2, 5))], ids=lambda light: light.shape.value)
+@pytest.mark.parametrize(
+    "light", [area_light(), point_light(), spot_light(cone_rad=3.0), sun_light(eye=(0, -2, 5))], ids=lambda light: light.shape.value
+)
 @pytest.mark.parametrize("case", NO_MAP)
 def test_no_map_where_nothing_casts(device, case, light):
     others, may_cast, casts = NO_MAP[case]
