@@ -183,6 +183,32 @@ def test_no_usable_device(blend, folder):
     assert not list(folder.glob("y/*"))
 
 
+def test_a_log_has_a_line_for_each_step(blend, folder):
+    done = vir("render", blend, "--output", folder / "log", *SIZE)
+    steps = [line for line in done.stdout.splitlines() if line.startswith("frame 1")]
+    layers = ("ViewLayer", "Second.Layer")
+    reading = [f"frame 1: {what} {layer}" for layer in layers for what in ("evaluating", "reading")]
+    assert steps[:4] == reading
+    assert steps[4::2] == [f"frame 1 {layer}: preparing 1 light" for layer in layers]
+    assert all(line.startswith(f"frame 1 {layer}: 8/8 views, error") for line, layer in zip(steps[5::2], layers, strict=True))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no SIGINT for other processes")
+@pytest.mark.parametrize("step", ["Read blend", "evaluating", "preparing"])
+def test_ctrl_c_before_the_first_picture(blend, folder, step):
+    output = folder / f"stopped while {step}"
+    command = [sys.executable, "-u", "-m", "vir_addon", "render", str(blend), "--output", str(output)]
+    endless = ["--views", "4096", "--map-resolution", "4096"]
+    with subprocess.Popen([*command, *endless], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        while step not in (line := process.stdout.readline()):
+            assert line, process.communicate()
+        process.send_signal(signal.SIGINT)
+        printed, errors = process.communicate(timeout=TIMEOUT_S)
+    assert process.returncode == 130, errors
+    assert errors == "vir: stopped; files that were written are whole\n"
+    assert "wrote" not in printed and not list(output.glob("*"))
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="has no SIGINT for other processes")
 def test_ctrl_c_leaves_no_half_written_files(blend, folder):
     output = folder / "stopped"

@@ -96,8 +96,9 @@ class LightWork:
                 self.reference_m = max((fitted.views.far_m for fitted in fitted_faces), default=1.0)
             culled = cullable_instances(snapshot, bounds, None if is_sun else light_hull(self.light, self.samples_m))
             self.faces = [self._face(fitted, culled) for fitted in fitted_faces]
-            for _, _, method in self.faces:
-                if method is not None:
+        for _, _, method in self.faces:
+            if method is not None:
+                with stopwatch.stage("points"):
                     method.prepare()
         if not any(method for _, _, method in self.faces):
             self.statistics.method, self.statistics.map_resolution_px = "none", 0

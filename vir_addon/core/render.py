@@ -27,7 +27,7 @@ from .passes.scene_data import SceneData
 from .plan import RenderPlan
 from .sampling import pixel_offsets
 from .scene import Light, SceneSnapshot
-from .stopwatch import Stopwatch
+from .stopwatch import OnStage, Stopwatch
 
 
 @dataclass
@@ -63,9 +63,13 @@ class Progress:
         return PassSet(self.passes, self.statistics)
 
 
-def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device) -> Generator[Progress, None, None]:
-    """Yield after every batch. Closing the generator releases the device's memory."""
-    with contextlib.closing(Renderer(snapshot, plan, device)) as renderer:
+def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device, on_stage: OnStage | None = None) -> Generator[Progress, None, None]:
+    """Yield after every batch. Closing the generator releases the device's memory.
+
+    on_stage: told what is being done, also before the first batch. With a device that has a thread of its own, a KeyboardInterrupt
+    of the caller's ends the work there with the current stage.
+    """
+    with contextlib.closing(Renderer(snapshot, plan, device, on_stage)) as renderer:
         start = time.perf_counter()
         device.run(renderer.prepare)
         prepared_s = time.perf_counter() - start
@@ -95,9 +99,9 @@ def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device) -> Generat
 class Renderer:
     """What lives as long as one frame is rendered."""
 
-    def __init__(self, snapshot: SceneSnapshot, plan: RenderPlan, device: Device) -> None:
+    def __init__(self, snapshot: SceneSnapshot, plan: RenderPlan, device: Device, on_stage: OnStage | None = None) -> None:
         self.snapshot, self.plan, self.device = snapshot, plan, device
-        self.stopwatch = Stopwatch(device)
+        self.stopwatch = Stopwatch(device, on_stage)
         self.views_total = sum(planned.view_count for planned in plan.passes if planned.runs)
         self.offsets_px = pixel_offsets(snapshot.pixel_filter, plan.eye_sample_count)
         self.surface_share_sum = np.zeros((snapshot.height_px, snapshot.width_px), np.float32)
@@ -143,7 +147,7 @@ class Renderer:
                 work = self._owned.own(LightWork(planned, self.plan, self.scene_data, self.store))
                 self.works.append(work)
                 self.statistics.passes.append(work.statistics)
-                with self.stopwatch.billed_to(work.statistics.stage_ms):
+                with self.stopwatch.billed_to(work.statistics):
                     work.fit(positions, normals, self.stopwatch)
         self.statistics.passes.sort(key=lambda statistics: statistics.light_name)
 
@@ -163,7 +167,7 @@ class Renderer:
             # only for passes that are constant on surfaces, which still have to be told from the background
             self.surface_share_sum += self.device.read(self.eye.positions)[..., 3] >= 0
         for work in self.works:
-            with self.stopwatch.billed_to(work.statistics.stage_ms):
+            with self.stopwatch.billed_to(work.statistics):
                 work.render_batch(batch, self.eye, self.stopwatch)
         if not self._eye_is_settled and self.works and all(work.accumulator.settled_batch_count for work in self.works):
             self.eye.keep_only(np.any([work.accumulator.tiles.wanted_px for work in self.works], axis=0))
@@ -199,6 +203,8 @@ class Renderer:
         return dict(sorted(images.items()))
 
     def close(self) -> None:
+        # an interrupted caller may have left the device's thread at work
+        self.stopwatch.stop()
         self.device.run(self._owned.close)
 
 
