@@ -102,7 +102,7 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         type=partial(_parse_choice, PointStorage),
         default=defaults.points,
         metavar="buffered|bufferless",
-        help="whether ivir keeps its points between batches (default) or makes them anew",
+        help="whether ivir keeps its points between batches (default) or makes them anew; other methods make none",
     )
     parser.add_argument(
         "--views",

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..device.interface import Device, Texture
-from .bounds import SceneBounds, cullable_instances
+from ..device.owned import Owned
+from .bounds import cullable_instances
 from .fit import FittedFace, fit_light, light_hull, select_receivers
 from .methods import depth_map_method
 from .methods.base import DepthMapMethod, FaceJob
@@ -17,9 +18,9 @@ from .passes.accumulate import MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, PassAcc
 from .passes.eye import EyePass
 from .passes.scene_data import SceneData
 from .passes.shadow_maps import RESOLVE, DepthMaps, face_table, samples_table, views_table
-from .plan import PlannedPass, RenderPlan
+from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
 from .sampling import light_samples, sample_weights
-from .scene import Light, LightShape, SceneSnapshot
+from .scene import Light, LightShape
 from .settings import Resolve, Settings
 from .stopwatch import Stopwatch
 
@@ -29,23 +30,21 @@ class MapStore:
 
     def __init__(self, device: Device, width: int, height: int, settings: Settings) -> None:
         self.device = device
-        self.shared = SharedByFaces(device, settings)
-        self.batch_sums: Texture = device.upload_texture(np.zeros((height, width, 4), np.float32))
-        self.no_receivers: Texture = device.upload_array(np.ones((1, 4), np.float32))
         self._maps: dict[tuple[int, int, int], DepthMaps] = {}
+        with Owned() as owned:
+            self.shared = owned.own(SharedByFaces(device, settings))
+            self.batch_sums: Texture = owned.own(device.upload_texture(np.zeros((height, width, 4), np.float32)))
+            self.no_receivers: Texture = owned.own(device.upload_array(np.ones((1, 4), np.float32)))
+            self._owned = owned.pop_all()
 
     def maps(self, width_px: int, height_px: int, view_count: int) -> DepthMaps:
         key = (max(width_px, 1), max(height_px, 1), view_count)
         if key not in self._maps:
-            self._maps[key] = DepthMaps(self.device, *key)
+            self._maps[key] = self._owned.own(DepthMaps(self.device, *key))
         return self._maps[key]
 
     def release(self) -> None:
-        self.shared.release()
-        self.batch_sums.release()
-        self.no_receivers.release()
-        for maps in self._maps.values():
-            maps.release()
+        self._owned.close()
 
 
 class LightWork:
@@ -56,7 +55,6 @@ class LightWork:
         self.light: Light = next(light for light in snapshot.lights if light.name == planned.light_name)
         self.samples_m = light_samples(self.light, planned.view_count)
         self.sample_weights = sample_weights(self.light, self.samples_m)
-        self.accumulator = PassAccumulator(self.device, snapshot.width_px, snapshot.height_px)
         self.resolve_flags: list[str] = []
         if planned.method.uses_points:
             self.resolve_flags.append("POINT_MAPS")
@@ -65,11 +63,14 @@ class LightWork:
         if self.light.shape is LightShape.SUN:
             self.resolve_flags.append("ORTHOGRAPHIC")
         self.receivers = store.no_receivers
-        if self.light.receivers is not None:
-            rows = np.zeros((len(self.light.receivers), 4), np.float32)
-            rows[:, 0] = self.light.receivers
-            self.receivers = self.device.upload_array(rows)
-            self.resolve_flags.append("RECEIVER_LINKING")
+        with Owned() as owned:
+            self.accumulator = owned.own(PassAccumulator(self.device, snapshot.width_px, snapshot.height_px))
+            if self.light.receivers is not None:
+                rows = np.zeros((len(self.light.receivers), 4), np.float32)
+                rows[:, 0] = self.light.receivers
+                self.receivers = owned.own(self.device.upload_array(rows))
+                self.resolve_flags.append("RECEIVER_LINKING")
+            self._owned = owned.pop_all()
         self.statistics = PassStatistics(
             planned.pass_name,
             planned.light_name,
@@ -82,9 +83,10 @@ class LightWork:
         self.reference_m = 1.0
         """distance at which the light delivers 1 in the running sums, which keeps them near 1 in scenes of any scale"""
 
-    def fit(self, snapshot: SceneSnapshot, bounds: SceneBounds, positions: np.ndarray, normals: np.ndarray, stopwatch: Stopwatch) -> None:
+    def fit(self, positions: np.ndarray, normals: np.ndarray, stopwatch: Stopwatch) -> None:
         """Fit the views to the surfaces of an eye G-buffer, (height, width, 4) each, and make what all batches share."""
         with stopwatch.stage("points"):
+            snapshot, bounds = self.scene_data.snapshot, self.plan.bounds
             receivers = select_receivers(positions, normals, self.light)
             fitted_faces, is_cube = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, self.planned.map_resolution_px)
             if is_cube:
@@ -93,11 +95,15 @@ class LightWork:
             if not is_sun:
                 self.reference_m = max((fitted.views.far_m for fitted in fitted_faces), default=1.0)
             culled = cullable_instances(snapshot, bounds, None if is_sun else light_hull(self.light, self.samples_m))
-            for fitted in fitted_faces:
-                self.faces.append(self._face(fitted, culled))
-            for _, _, method in self.faces:
-                if method is not None:
+            self.faces = [self._face(fitted, culled) for fitted in fitted_faces]
+        for _, _, method in self.faces:
+            if method is not None:
+                with stopwatch.stage("points"):
                     method.prepare()
+        if not any(method for _, _, method in self.faces):
+            self.statistics.method, self.statistics.map_resolution_px = "none", 0
+            if self.planned.needs_maps:
+                self.statistics.reason = f"{self.planned.reason}; {NO_MAP_REASON}"
         self._update_statistics()
 
     def _face(self, fitted: FittedFace, culled: np.ndarray) -> tuple[FittedFace, np.ndarray, DepthMapMethod | None]:
@@ -105,7 +111,7 @@ class LightWork:
         if not len(fitted.caster_indices):
             return fitted, table, None
         job = FaceJob(self.scene_data, fitted, table, culled, self.light, self.samples_m, self.plan.settings, self.store.shared)
-        return fitted, table, depth_map_method(self.planned, job)
+        return fitted, table, self._owned.own(depth_map_method(self.planned, job))
 
     def _update_statistics(self) -> None:
         methods = [method for _, _, method in self.faces if method is not None]
@@ -178,16 +184,16 @@ class LightWork:
 
     def _probe(self, batch: int, eye: EyePass, done_mask: int, look_up: dict[str, Any]) -> None:
         """Look settled tiles up at a few pixels, at others in every batch, and go on with those that are not what they were."""
-        if not self.accumulator.settled_tiles.count:
+        if not self.accumulator.tiles.probed.count:
             return
         self.device.fill(self.accumulator.disagreeing, 0)
         kernel = self.device.compute_kernel(RESOLVE, *self.resolve_flags, "PROBES")
-        self.accumulator.settled_tiles.dispatch_probes(kernel, batch, **self._bindings(eye), **look_up)
+        self.accumulator.tiles.probed.dispatch_probes(kernel, batch, **self._bindings(eye), **look_up)
         eye.want_also(self.accumulator.reopen(done_mask))
 
     def _resolve(self, eye: EyePass, look_up: dict[str, Any]) -> None:
         kernel = self.device.compute_kernel(RESOLVE, *self.resolve_flags)
-        self.accumulator.tiles.dispatch(kernel, **self._bindings(eye), **look_up)
+        self.accumulator.tiles.walked.dispatch(kernel, **self._bindings(eye), **look_up)
 
     def _bindings(self, eye: EyePass) -> dict[str, Any]:
         width, height = eye.size
@@ -204,9 +210,4 @@ class LightWork:
         }
 
     def release(self) -> None:
-        for _, _, method in self.faces:
-            if method is not None:
-                method.release()
-        self.accumulator.release()
-        if self.receivers is not self.store.no_receivers:
-            self.receivers.release()
+        self._owned.close()

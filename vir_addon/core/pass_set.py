@@ -56,11 +56,12 @@ class PassStatistics:
     pass_name: str
     light_name: str
     method: str
-    """'mvr', 'micro', 'ivir buffered', 'ivir bufferless' or 'none' (nothing to do; `reason` says why)"""
+    """'mvr', 'micro', 'ivir buffered', 'ivir bufferless' or 'none' (no map was made; `reason` says why)"""
     reason: str
     view_count: int = 0
     face_count: int = 0
     map_resolution_px: int = 0
+    """0: no map was made"""
     point_count: int = 0
     """points generated for one replay of all views; 0 but for ivir"""
     kept_point_count: int = 0

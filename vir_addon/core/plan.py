@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from . import cost
 from .bounds import SceneBounds, compute_bounds
 from .errors import SceneError, UsageError
-from .fit import choose_faces, light_casters, lit_places
+from .fit import choose_faces, light_casters, lit_places, may_shadow
 from .pass_set import unique_pass_names
 from .passes.shadow_maps import MAX_BATCH_VIEWS
+from .sampling import light_samples
 from .scene import Camera, Light, LightShape, SceneSnapshot
 from .settings import Method, PointStorage, Settings
 from .views import light_axes
@@ -20,6 +21,8 @@ from .views import light_axes
 MIN_EYE_SAMPLES = 8
 MAX_EYE_SAMPLES = 16
 """Anti-aliasing gains little from more: with 16 samples of the filter an edge pixel is off by about a fiftieth."""
+
+NO_MAP_REASON = "no map needed: nothing casts a shadow on what is in the picture"
 
 LATTICE_STEPS = 6
 MAX_LATTICE_BOXES = 1024
@@ -39,6 +42,8 @@ class PlannedPass:
     points: PointStorage | None = None
     view_count: int = 0
     map_resolution_px: int = 0
+    needs_maps: bool = True
+    """False: nothing can cast; surfaces are looked at for which way they face only"""
     surface_value: float = 1.0
     predicted_ms: float = 0.0
 
@@ -46,6 +51,8 @@ class PlannedPass:
 @dataclass(frozen=True)
 class RenderPlan:
     settings: Settings
+    bounds: SceneBounds = field(repr=False, compare=False)
+    """of the snapshot that was planned"""
     passes: tuple[PlannedPass, ...]
     batch_count: int
     """steps after which a valid picture exists; each renders its share of every light's views"""
@@ -74,6 +81,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     eye_ms = cost.eye_ms(snapshot, eye_sample_count)
     return RenderPlan(
         settings=settings,
+        bounds=bounds,
         passes=passes,
         batch_count=batch_count,
         eye_sample_count=eye_sample_count,
@@ -110,6 +118,17 @@ def _plan_light(
         return PlannedPass(light.name, pass_name, runs=False, reason=reason, surface_value=surface_value)
     view_count = settings.view_count if light.has_size else 1
     reason = _describe(light) if light.has_size else f"{_describe(light)} without size: one view, a hard shadow"
+    if not may_shadow(snapshot, light, bounds, _receiving_corners(snapshot, light, bounds), light_samples(light, view_count)):
+        return PlannedPass(
+            light.name,
+            pass_name,
+            runs=True,
+            reason=f"{reason}; {NO_MAP_REASON}",
+            view_count=view_count,
+            map_resolution_px=settings.map_resolution_px,
+            needs_maps=False,
+            predicted_ms=cost.resolve_ms(snapshot, view_count),
+        )
     face_count = _likely_face_count(light, places_ws)
     estimates = cost.estimate_methods(snapshot, light, view_count, settings, bounds, face_count=face_count)
     if settings.method is Method.AUTO:
@@ -132,6 +151,14 @@ def _plan_light(
         map_resolution_px=settings.map_resolution_px,
         predicted_ms=estimates[method] + face_count * cost.resolve_ms(snapshot, view_count),
     )
+
+
+def _receiving_corners(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds) -> np.ndarray:
+    """(n, 3) corners of the boxes of what the light may light in the picture"""
+    visible = snapshot.instances.visible_to_camera & _may_be_in_picture(snapshot.camera, bounds.corners_ws)
+    if light.receivers is not None:
+        visible &= light.receivers
+    return bounds.corners_ws[visible].reshape(-1, 3)
 
 
 def _describe(light: Light) -> str:

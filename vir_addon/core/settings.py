@@ -36,6 +36,7 @@ class Resolve(enum.Enum):
 class Settings:
     method: Method = Method.AUTO
     points: PointStorage = PointStorage.BUFFERED
+    """of ivir; with AUTO it counts for lights that ivir is chosen for"""
     view_count: int = 64
     """light samples of a light with size; lights without size get one"""
     map_resolution_px: int = 1024
@@ -44,17 +45,23 @@ class Settings:
     stochastic_culling: bool = True
     """cull triangles below a tenth of a pixel with probability 1 - 10 A (Gavane & Watson 2022, section 3.2)"""
     resolve: Resolve = Resolve.ADAPTIVE
-    cull_hidden_points: bool = True
-    """after the first batch of views, leave out points that none of its views is near to seeing (buffered points only)"""
+    cull_hidden: bool = True
+    """after the first batch of views, leave out buffered points and small triangles that none of its views is near to seeing"""
     watertight: bool = True
     """point spacing that leaves no texel empty (covering radius) instead of the published one point per pixel area"""
-    point_buffer_mib: int = 256
-    """memory for the points of all lights; what does not fit is processed in portions, or made again when its turn comes"""
+    replay_buffer_mib: int = 256
+    """memory for what views replay (points, small triangles) of all lights; what does not fit is processed in portions, or made again when
+    its turn comes"""
 
     def __post_init__(self) -> None:
         if not 1 <= self.view_count <= 4096:
             raise UsageError(f"views must be 1 to 4096, not {self.view_count}")
         if not 16 <= self.map_resolution_px <= 8192:
             raise UsageError(f"the map resolution must be 16 to 8192, not {self.map_resolution_px}")
-        if self.point_buffer_mib < 1:
-            raise UsageError("the point buffer needs at least 1 MiB")
+        if self.points is PointStorage.BUFFERLESS and not (self.method.uses_points or self.method is Method.AUTO):
+            raise UsageError(
+                f"points cannot be {self.points.value} with the method {self.method.value}, which makes none; "
+                f"choose the method {Method.IVIR.value}, or leave the choice of points out"
+            )
+        if self.replay_buffer_mib < 1:
+            raise UsageError("the replay buffer needs at least 1 MiB")

@@ -30,6 +30,7 @@ from .interface import (
     Texture,
     TextureFormat,
 )
+from .owned import Owned
 
 MINIMUM_OPENGL = 430
 GL_COLOR = 0x1800
@@ -56,22 +57,20 @@ class ModernglTexture(Texture):
 class ModernglMesh(DeviceMesh):
     def __init__(self, device: ModernglDevice, positions: np.ndarray, triangles: np.ndarray) -> None:
         self.device, self.triangle_count = device, len(triangles)
-        self.positions = device.context.buffer(np.ascontiguousarray(positions, np.float32))
-        self.triangles = device.context.buffer(np.ascontiguousarray(triangles, np.int32))
         self.vertex_arrays: dict[int, Any] = {}
+        with Owned() as owned:
+            self.positions = owned.own(device.context.buffer(np.ascontiguousarray(positions, np.float32)))
+            self.triangles = owned.own(device.context.buffer(np.ascontiguousarray(triangles, np.int32)))
+            self._owned = owned.pop_all()
 
     def vertex_array(self, program: Any) -> Any:
         if program.glo not in self.vertex_arrays:
             content = [(self.positions, "3f", "position_os")]
-            self.vertex_arrays[program.glo] = self.device.context.vertex_array(program, content, self.triangles)
+            self.vertex_arrays[program.glo] = self._owned.own(self.device.context.vertex_array(program, content, self.triangles))
         return self.vertex_arrays[program.glo]
 
     def release(self) -> None:
-        self.device.run(self._release)
-
-    def _release(self) -> None:
-        for thing in (*self.vertex_arrays.values(), self.positions, self.triangles):
-            thing.release()
+        self.device.run(self._owned.close)
 
 
 class ModernglTarget(RenderTarget):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import abc
-import contextlib
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...device.interface import Device
+from ...device.owned import Owned
 from ..fit import FittedFace
 from ..passes.scene_data import SceneData
 from ..passes.shadow_maps import MAX_BATCH_VIEWS, DepthMaps, views_table
@@ -81,7 +81,7 @@ class ReplayMethod(DepthMapMethod):
     def __init__(self, job: FaceJob) -> None:
         super().__init__(job)
         self._is_held = self._was_dropped = self._has_searched_hidden = False
-        self._cleanup = contextlib.ExitStack()
+        self._owned = Owned()
 
     @property
     @abc.abstractmethod
@@ -109,7 +109,7 @@ class ReplayMethod(DepthMapMethod):
         """Once, after a batch large enough to stand for all views, and only if there are others left to gain from it. What is made
         again for every batch would be searched every time."""
         return (
-            self.settings.cull_hidden_points
+            self.settings.cull_hidden
             and not (self._has_searched_hidden or self._was_dropped)
             and len(selected) == MAX_BATCH_VIEWS < self.fitted.views.view_count
         )
@@ -118,4 +118,4 @@ class ReplayMethod(DepthMapMethod):
         self.shared.forget(self)
         if self._is_held:
             self.drop()
-        self._cleanup.close()
+        self._owned.close()

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...device.declaration import ComputeDeclaration
 from ...device.interface import EMPTY_DEPTH_BITS
+from ...device.owned import Owned
 from ..passes.scene_data import WORK_GROUP_SIZE
 from ..passes.shadow_maps import (
     BUFFER_TILES,
@@ -88,8 +89,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         self._portions: list[_Portion] = []
 
     def _prepare(self) -> None:
-        self.work = self.scene_data.work_table(self.fitted.caster_indices, ~self.culled)
-        self._cleanup.callback(self.work.release)
+        self.work = self._owned.own(self.scene_data.work_table(self.fitted.caster_indices, ~self.culled))
         if self.storage is PointStorage.BUFFERED:
             self._hold()
 
@@ -254,26 +254,26 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
 
     def _keep_seen_points(self, maps: DepthMaps, selected: range) -> None:
         self._has_searched_hidden = True
-        kept = LinearStore(self.device, self.buffered_point_count)
-        self.device.fill(self.counters, 0)
-        self.device.compute_kernel(KEEP_SEEN_POINTS, *self.projection_flags).dispatch_linear(
-            self.buffered_point_count,
-            points=self.points.texture,
-            depth_maps=maps.texture,
-            kept_points=kept.texture,
-            counters=self.counters,
-            views=self.views_table(selected),
-            view_count=len(selected),
-            face=self.face_table,
-            point_count=self.buffered_point_count,
-        )
-        self.kept_point_count = int(self.device.read(self.counters)[0, 0])
-        if self.kept_point_count > WORTHWHILE_SHARE_KEPT * self.buffered_point_count:
-            kept.release()
-            self.kept_point_count = self.buffered_point_count
-            return
-        self.points.replace_by(kept)
-        self.buffered_point_count = self.kept_point_count
+        with Owned() as temporary:
+            kept = temporary.own(LinearStore(self.device, self.buffered_point_count))
+            self.device.fill(self.counters, 0)
+            self.device.compute_kernel(KEEP_SEEN_POINTS, *self.projection_flags).dispatch_linear(
+                self.buffered_point_count,
+                points=self.points.texture,
+                depth_maps=maps.texture,
+                kept_points=kept.texture,
+                counters=self.counters,
+                views=self.views_table(selected),
+                view_count=len(selected),
+                face=self.face_table,
+                point_count=self.buffered_point_count,
+            )
+            self.kept_point_count = int(self.device.read(self.counters)[0, 0])
+            if self.kept_point_count > WORTHWHILE_SHARE_KEPT * self.buffered_point_count:
+                self.kept_point_count = self.buffered_point_count
+                return
+            self.points.replace_by(kept)
+            self.buffered_point_count = self.kept_point_count
 
     def counts(self) -> dict[str, int]:
         return {"point_count": self.point_count, "kept_point_count": self.kept_point_count}

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ...device.interface import EMPTY_DEPTH_BITS, DeviceMesh, Draw, TextureFormat
+from ...device.owned import Owned
 from ..passes.shadow_maps import (
     COPY_TEXELS,
     GATHER_TRIANGLES,
@@ -85,10 +86,8 @@ class MicroTriangleRasterization(ReplayMethod):
         self.capacity_limit = max(job.shared.budget_bytes // BYTES_PER_TRIANGLE, FIRST_CAPACITY)
 
     def _prepare(self) -> None:
-        self.work = self.scene_data.work_table(self.fitted.caster_indices, ~self.culled)
-        self.counters = self.device.create_texture(2, 1, TextureFormat.R32UI)
-        for resource in (self.work, self.counters):
-            self._cleanup.callback(resource.release)
+        self.work = self._owned.own(self.scene_data.work_table(self.fitted.caster_indices, ~self.culled))
+        self.counters = self._owned.own(self.device.create_texture(2, 1, TextureFormat.R32UI))
         self._hold()
 
     def _make(self) -> None:
@@ -165,9 +164,9 @@ class MicroTriangleRasterization(ReplayMethod):
 
     def _upload_large(self, count: int) -> None:
         texel_count = TEXELS_PER_TRIANGLE * count
-        part = self._copied(TEXELS_PER_TRIANGLE * self._capacity - texel_count, texel_count)
-        triangles = self.device.read(part.texture).reshape(-1, 4)[:texel_count].reshape(count, 3, 4)
-        part.release()
+        with Owned() as temporary:
+            part = temporary.own(self._copied(TEXELS_PER_TRIANGLE * self._capacity - texel_count, texel_count))
+            triangles = self.device.read(part.texture).reshape(-1, 4)[:texel_count].reshape(count, 3, 4)
         instance = triangles[:, 0, 3].astype(np.int64)
         order = np.argsort(instance, kind="stable")
         corners = triangles[order][:, :, :3].reshape(-1, 3)
@@ -222,25 +221,25 @@ class MicroTriangleRasterization(ReplayMethod):
         """Put what the batch's views are near to seeing of all portions into one list, if that has room for it."""
         self._has_searched_hidden = True
         capacity = min(self.small_count, self.capacity_limit)
-        kept = LinearStore(self.device, TEXELS_PER_TRIANGLE * capacity)
-        kept_count = 0
-        for portion in self._gathered_portions():
-            self.device.fill(self.counters, kept_count)
-            self.device.compute_kernel(KEEP_SEEN_TRIANGLES, *self.flags).dispatch_linear(
-                portion.small_count,
-                gathered_triangles=self.triangles.texture,
-                kept_triangles=kept.texture,
-                depth_maps=maps.texture,
-                counters=self.counters,
-                triangle_count=portion.small_count,
-                triangle_capacity=capacity,
-                **batch,
-            )
-            kept_count = int(self.device.read(self.counters)[0, 0])
-        if kept_count > capacity:
-            kept.release()
-            return
-        self.triangles.replace_by(kept)
+        with Owned() as temporary:
+            kept = temporary.own(LinearStore(self.device, TEXELS_PER_TRIANGLE * capacity))
+            kept_count = 0
+            for portion in self._gathered_portions():
+                self.device.fill(self.counters, kept_count)
+                self.device.compute_kernel(KEEP_SEEN_TRIANGLES, *self.flags).dispatch_linear(
+                    portion.small_count,
+                    gathered_triangles=self.triangles.texture,
+                    kept_triangles=kept.texture,
+                    depth_maps=maps.texture,
+                    counters=self.counters,
+                    triangle_count=portion.small_count,
+                    triangle_capacity=capacity,
+                    **batch,
+                )
+                kept_count = int(self.device.read(self.counters)[0, 0])
+            if kept_count > capacity:
+                return
+            self.triangles.replace_by(kept)
         # other faces may need the memory of what is no longer in it
         self.triangles.replace_by(self._copied(0, max(TEXELS_PER_TRIANGLE * kept_count, 1)))
         self._gathered = _Portion(0, self.work.group_count, kept_count)
@@ -248,10 +247,12 @@ class MicroTriangleRasterization(ReplayMethod):
         self.kept_count = kept_count
 
     def _copied(self, first_texel: int, texel_count: int) -> LinearStore:
-        part = LinearStore(self.device, texel_count)
-        self.device.compute_kernel(COPY_TEXELS).dispatch_linear(
-            texel_count, original=self.triangles.texture, copied=part.texture, first_texel=first_texel, texel_count=texel_count
-        )
+        with Owned() as owned:
+            part = owned.own(LinearStore(self.device, texel_count))
+            self.device.compute_kernel(COPY_TEXELS).dispatch_linear(
+                texel_count, original=self.triangles.texture, copied=part.texture, first_texel=first_texel, texel_count=texel_count
+            )
+            owned.pop_all()
         return part
 
     def counts(self) -> dict[str, int]:

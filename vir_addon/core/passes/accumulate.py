@@ -8,7 +8,8 @@ import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
 from ...device.interface import Device, Texture, TextureFormat
-from .tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
+from ...device.owned import Owned
+from .tiles import TILE_PX, TileSplit, grid_shape, spread_to_pixels, with_neighbours
 
 ERROR_TILE_PX = 16
 MIN_SETTLING_VIEWS = 16
@@ -64,24 +65,27 @@ class PassAccumulator:
     def __init__(self, device: Device, width: int, height: int) -> None:
         self.device, self.width, self.height = device, width, height
         zeros = np.zeros((height, width, 4), np.float32)
-        self.moments, self.coverage = device.upload_texture(zeros), device.upload_texture(zeros)
         rows, columns = grid_shape(width, height)
-        self.disagreeing = device.create_texture(columns, rows, TextureFormat.R32UI)
-        """set by probes for settled tiles that are not what they were"""
         self.tile_states = np.zeros((rows, columns), np.uint32)
         """of settled tiles; 0: looked up"""
         self._late_faces = np.zeros((rows, columns))
         """of tiles reopened at this face: those of the batch before it, a bit each"""
         self._repeats = np.ones((rows, columns))
         """how many batches each batch in a tile's sums stands for, once this batch's faces are through"""
+        with Owned() as owned:
+            self.moments, self.coverage = owned.own(device.upload_texture(zeros)), owned.own(device.upload_texture(zeros))
+            self.disagreeing = owned.own(device.create_texture(columns, rows, TextureFormat.R32UI))
+            """set by probes for settled tiles that are not what they were"""
+            self.tiles = TileSplit(device, self.looked_up, *self._numbers())
+            """walked: what is looked up; probed: what is settled"""
+            self._owned = owned.pop_all()
         self.batch_count = 0
         self.settled_batch_count = 0
         """batches in the sums of settled tiles; 0 as long as none were looked for"""
-        self._list_tiles()
 
-    def _list_tiles(self) -> None:
-        self.tiles = Tiles(self.device, self.looked_up, np.stack([self._late_faces, self._repeats], axis=-1))
-        self.settled_tiles = Tiles(self.device, ~self.looked_up, np.stack([self.tile_states, self._repeats], axis=-1))
+    def _numbers(self) -> tuple[np.ndarray, np.ndarray]:
+        """What RESOLVE wants to know of tiles: walked ones, probed ones."""
+        return np.stack([self._late_faces, self._repeats], axis=-1), np.stack([self.tile_states, self._repeats], axis=-1)
 
     @property
     def looked_up(self) -> np.ndarray:
@@ -93,12 +97,7 @@ class PassAccumulator:
         if self._late_faces.any() or (self._repeats != 1).any():
             self._repeats[:] = 1
             self._late_faces[:] = 0
-            self._relist_tiles()
-
-    def _relist_tiles(self) -> None:
-        self.tiles.release()
-        self.settled_tiles.release()
-        self._list_tiles()
+            self.tiles = self.tiles.replaced(self.looked_up, *self._numbers())
 
     def settle(self, positions: Texture, normals: Texture) -> None:
         """Leave tiles out of later batches that lie in the middle of what is wholly lit, dark or background so far.
@@ -107,25 +106,24 @@ class PassAccumulator:
         """
         rows, columns = self.tile_states.shape
         size = {"width": self.width, "height": self.height}
-        states = self.device.create_texture(self.width, self.height, TextureFormat.R32UI)
-        tile_states = self.device.create_texture(columns, rows, TextureFormat.R32UI)
-        self.device.compute_kernel(PASS_STATES).dispatch(
-            (columns, rows, 1),
-            moments=self.moments,
-            coverage=self.coverage,
-            positions=positions,
-            normals=normals,
-            states=states,
-            batch_count=self.batch_count,
-            **size,
-        )
         groups = (-(-columns // 8), -(-rows // 8), 1)
-        self.device.compute_kernel(SETTLE_TILES).dispatch(groups, states=states, tile_states=tile_states, **size)
-        self.tile_states = self.device.read(tile_states)
-        states.release()
-        tile_states.release()
+        with Owned() as temporary:
+            states = temporary.own(self.device.create_texture(self.width, self.height, TextureFormat.R32UI))
+            tile_states = temporary.own(self.device.create_texture(columns, rows, TextureFormat.R32UI))
+            self.device.compute_kernel(PASS_STATES).dispatch(
+                (columns, rows, 1),
+                moments=self.moments,
+                coverage=self.coverage,
+                positions=positions,
+                normals=normals,
+                states=states,
+                batch_count=self.batch_count,
+                **size,
+            )
+            self.device.compute_kernel(SETTLE_TILES).dispatch(groups, states=states, tile_states=tile_states, **size)
+            self.tile_states = self.device.read(tile_states)
         self.settled_batch_count = self.batch_count
-        self._relist_tiles()
+        self.tiles = self.tiles.replaced(self.looked_up, *self._numbers())
 
     def reopen(self, face_mask_before: int) -> np.ndarray:
         """Look tiles up again that the probes of this batch found changed, and those around them.
@@ -138,7 +136,7 @@ class PassAccumulator:
             self.tile_states = np.where(reopened, 0, self.tile_states).astype(np.uint32)
             self._late_faces = np.where(reopened, face_mask_before, 0)
             self._repeats[reopened] = (self.batch_count - 1) / self.settled_batch_count
-            self._relist_tiles()
+            self.tiles = self.tiles.replaced(self.looked_up, *self._numbers())
         return reopened
 
     @property
@@ -152,17 +150,17 @@ class PassAccumulator:
         if self.batch_count < 2:
             return math.inf
         tiles = (-(-self.width // ERROR_TILE_PX), -(-self.height // ERROR_TILE_PX))
-        sums_texture = self.device.create_texture(*tiles, TextureFormat.RGBA32F)
-        self.device.compute_kernel(PASS_ERROR).dispatch(
-            (-(-tiles[0] // 8), -(-tiles[1] // 8), 1),
-            moments=self.moments,
-            coverage=self.coverage,
-            tile_sums=sums_texture,
-            width=self.width,
-            height=self.height,
-        )
-        sums = self.device.read(sums_texture).astype(np.float64)
-        sums_texture.release()
+        with Owned() as temporary:
+            sums_texture = temporary.own(self.device.create_texture(*tiles, TextureFormat.RGBA32F))
+            self.device.compute_kernel(PASS_ERROR).dispatch(
+                (-(-tiles[0] // 8), -(-tiles[1] // 8), 1),
+                moments=self.moments,
+                coverage=self.coverage,
+                tile_sums=sums_texture,
+                width=self.width,
+                height=self.height,
+            )
+            sums = self.device.read(sums_texture).astype(np.float64)
         squared, count = sums[..., 0].sum(), sums[..., 1].sum()
         correction = self.batch_count / (self.batch_count - 1)
         return math.sqrt(correction * squared / count) if count else 0.0
@@ -176,8 +174,8 @@ class PassAccumulator:
         return moments[..., 0] / batches, moments[..., 1] / batches, surfaces / batches
 
     def release(self) -> None:
-        for resource in (self.moments, self.coverage, self.disagreeing, self.tiles, self.settled_tiles):
-            resource.release()
+        self.tiles.release()
+        self._owned.close()
 
 
 def pass_image(shadowed: np.ndarray, delivered: np.ndarray, surface_share: np.ndarray) -> np.ndarray:

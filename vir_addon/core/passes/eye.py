@@ -13,10 +13,11 @@ import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table, Varying
 from ...device.interface import Device, TextureFormat
+from ...device.owned import Owned
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera, SceneSnapshot
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
-from .tiles import PROBES_FLAG, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, grid_shape
+from .tiles import PROBES_FLAG, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, TileSplit, grid_shape
 
 SAMPLES_PER_PX = (3, 2, 1)
 """visibility samples along a pixel's side: the first that MAX_VISIBILITY_TEXELS allows"""
@@ -98,13 +99,6 @@ class EyePass:
                 break
         self.visibility_index, self.base_offsets_px, self.samples = share_visibility(offsets_px, self.samples_per_px)
         self._current_visibility = -1
-        self.visibility = device.create_texture(*self._visibility_size, TextureFormat.RG32UI)
-        self.depth = device.create_texture(*self._visibility_size, TextureFormat.DEPTH32F)
-        self.target = device.create_target(self.visibility, self.depth)
-        self.positions = device.create_texture(*self.size, TextureFormat.RGBA32F)
-        self.normals = device.create_texture(*self.size, TextureFormat.RGBA32F)
-        self.wanted = np.ones(grid_shape(*self.size), bool)
-        self.tiles, self.probed_tiles = Tiles(device, self.wanted), Tiles(device, ~self.wanted)
         self._index = 0
         self.rasterize = device.raster_kernel(VISIBILITY)
         self.surface, self.surface_probes = device.compute_kernel(SURFACE), device.compute_kernel(SURFACE, "PROBES")
@@ -112,6 +106,15 @@ class EyePass:
         eye_ws = snapshot.camera.world_from_view[None, :3, 3]
         culled = None if snapshot.camera.is_orthographic else cullable_instances(snapshot, bounds, eye_ws)
         self.draws = scene_data.draws(np.flatnonzero(snapshot.instances.visible_to_camera), culled)
+        with Owned() as owned:
+            self.visibility = owned.own(device.create_texture(*self._visibility_size, TextureFormat.RG32UI))
+            self.depth = owned.own(device.create_texture(*self._visibility_size, TextureFormat.DEPTH32F))
+            self.target = owned.own(device.create_target(self.visibility, self.depth))
+            self.positions = owned.own(device.create_texture(*self.size, TextureFormat.RGBA32F))
+            self.normals = owned.own(device.create_texture(*self.size, TextureFormat.RGBA32F))
+            self.tiles = TileSplit(device, np.ones(grid_shape(*self.size), bool))
+            """walked: what some light still looks up"""
+            self._owned = owned.pop_all()
 
     @property
     def _visibility_size(self) -> tuple[int, int]:
@@ -129,24 +132,20 @@ class EyePass:
             self._rasterize(self.base_offsets_px[self.visibility_index[index]] + 0.5 - 0.5 / self.samples_per_px)
             self._current_visibility = int(self.visibility_index[index])
         bindings = self._surface_bindings()
-        self.tiles.dispatch(self.surface, **bindings)
-        self.probed_tiles.dispatch_probes(self.surface_probes, batch, **bindings)
+        self.tiles.walked.dispatch(self.surface, **bindings)
+        self.tiles.probed.dispatch_probes(self.surface_probes, batch, **bindings)
 
     def want_only(self, wanted: np.ndarray) -> None:
         """From now on render these tiles only, (rows, columns) bool."""
-        self.wanted = wanted
-        self.tiles.release()
-        self.probed_tiles.release()
-        self.tiles, self.probed_tiles = Tiles(self.device, wanted), Tiles(self.device, ~wanted)
+        self.tiles = self.tiles.replaced(wanted)
 
     def want_also(self, added: np.ndarray) -> None:
         """Render these tiles as well, from this batch on, (rows, columns) bool."""
-        if not (added & ~self.wanted).any():
-            return
-        missing = Tiles(self.device, added & ~self.wanted)
-        missing.dispatch(self.surface, **self._surface_bindings())
-        missing.release()
-        self.want_only(self.wanted | added)
+        missing = added & ~self.tiles.is_walked
+        if missing.any():
+            with Owned() as temporary:
+                temporary.own(Tiles(self.device, missing)).dispatch(self.surface, **self._surface_bindings())
+            self.want_only(self.tiles.is_walked | missing)
 
     def _surface_bindings(self) -> dict[str, Any]:
         width, height = self.size
@@ -200,9 +199,8 @@ class EyePass:
         return table
 
     def release(self) -> None:
-        for resource in (self.visibility, self.depth, self.positions, self.normals, self.tiles, self.probed_tiles):
-            resource.release()
-        self.target.release()
+        self.tiles.release()
+        self._owned.close()
 
 
 def share_visibility(offsets_px: np.ndarray, samples_per_px: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

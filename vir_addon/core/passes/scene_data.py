@@ -16,6 +16,7 @@ import numpy as np
 
 from ...device.declaration import Sampled
 from ...device.interface import Device, DeviceMesh, Draw, Texture
+from ...device.owned import Owned
 from ..scene import Mesh, SceneSnapshot
 
 INSTANCE_TEXELS = 6
@@ -69,10 +70,12 @@ class SceneData:
         )
         self.shading = np.array([_shading_of(mesh) for mesh in meshes], np.int64)
         self.orientation = np.where(np.linalg.det(snapshot.instances.world_from_object[:, :3, :3].astype(np.float64)) < 0, -1.0, 1.0)
-        self.vertices = device.upload_array(self._vertex_rows())
-        self.triangles = device.upload_array(self._triangle_rows())
-        self.corner_normals = device.upload_array(self._corner_rows())
-        self.instances = device.upload_array(self._instance_rows())
+        with Owned() as owned:
+            self.vertices = owned.own(device.upload_array(self._vertex_rows()))
+            self.triangles = owned.own(device.upload_array(self._triangle_rows()))
+            self.corner_normals = owned.own(device.upload_array(self._corner_rows()))
+            self.instances = owned.own(device.upload_array(self._instance_rows()))
+            self._owned = owned.pop_all()
 
     def _vertex_rows(self) -> np.ndarray:
         rows = np.zeros((int(self.vertex_bases[-1]), 4), np.float32)
@@ -116,7 +119,7 @@ class SceneData:
     def drawable(self, mesh_index: int) -> DeviceMesh:
         if mesh_index not in self._drawables:
             mesh = self.snapshot.meshes[mesh_index]
-            self._drawables[mesh_index] = self.device.upload_mesh(mesh.positions_os, mesh.triangles)
+            self._drawables[mesh_index] = self._owned.own(self.device.upload_mesh(mesh.positions_os, mesh.triangles))
         return self._drawables[mesh_index]
 
     def draws(self, instance_indices: np.ndarray, culled: np.ndarray | None = None) -> list[Draw]:
@@ -156,10 +159,7 @@ class SceneData:
         return WorkTable(self.device.upload_array(rows), len(rows), int(counts.sum()))
 
     def release(self) -> None:
-        for texture in (self.vertices, self.triangles, self.corner_normals, self.instances):
-            texture.release()
-        for mesh in self._drawables.values():
-            mesh.release()
+        self._owned.close()
 
 
 class WorkTable:

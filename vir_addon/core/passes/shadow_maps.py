@@ -12,6 +12,7 @@ import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table
 from ...device.interface import Device, RenderTarget, Texture, TextureFormat
+from ...device.owned import Owned
 from ..scene import Light
 from ..views import FaceViews, light_axes
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, WORK_GROUP_SIZE
@@ -348,18 +349,16 @@ class DepthMaps:
     def __init__(self, device: Device, width_px: int, height_px: int, view_count: int) -> None:
         self.device, self.view_count = device, view_count
         self.width_px, self.height_px = width_px, height_px
-        self.texture: Texture = device.create_texture(width_px, height_px * view_count, TextureFormat.R32UI)
+        self._owned = Owned()
+        self.texture: Texture = self._owned.own(device.create_texture(width_px, height_px * view_count, TextureFormat.R32UI))
         self._target: RenderTarget | None = None
 
     @property
     def target(self) -> RenderTarget:
         if self._target is None:
-            depth = self.device.create_texture(self.texture.width, self.texture.height, TextureFormat.DEPTH32F)
-            self._target = self.device.create_target(self.texture, depth)
+            depth = self._owned.own(self.device.create_texture(self.texture.width, self.texture.height, TextureFormat.DEPTH32F))
+            self._target = self._owned.own(self.device.create_target(self.texture, depth))
         return self._target
 
     def release(self) -> None:
-        if self._target is not None:
-            self._target.release()
-            self._target.depth.release()
-        self.texture.release()
+        self._owned.close()
