@@ -5,6 +5,7 @@
 #include "lib/tiles.glsl"
 #include "lib/octahedral.glsl"
 #include "lib/view.glsl"
+#include "lib/cube_faces.glsl"
 #include "lib/pass_states.glsl"
 
 #define light_axis_fs (face[5].xyz)
@@ -237,15 +238,6 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs) {
     return seen;
 }
 
-// Which face of the light's cube a direction belongs to (light space: x, y in an area light's plane, z along its axis).
-int face_index(vec3 d) {
-    vec2 side = abs(d.xy);
-    if (abs(d.z) >= max(side.x, side.y)) {
-        return d.z > 0.0 ? 0 : 5;
-    }
-    return side.x >= side.y ? (d.x > 0.0 ? 1 : 2) : (d.y > 0.0 ? 3 : 4);
-}
-
 void main() {
     ivec2 pixel;
     if (!find_pixel(pixel)) {
@@ -256,18 +248,16 @@ void main() {
 #ifdef RECEIVER_LINKING
     surface = surface && texelFetch(receivers, linear_texel(int(position.w)), 0).x > 0.5;
 #endif
-#if defined(MANY_FACES) && !defined(PROBES)
-    // a tile that is looked up again from this face on: what the batch's faces before it found goes on as it was
-    int late_faces = int(own_tile().z);
-    bool was_lit = imageLoad(moments, pixel).x > 0.0;
-#else
+#ifdef PROBES
     const int late_faces = 0;
     const bool was_lit = false;
-#endif
-#ifdef PROBES
     vec2 sums = vec2(0.0);
 #else
-    vec2 sums = first_face != 0 || late_faces != 0 ? vec2(0.0) : imageLoad(batch_sums, pixel).xy;
+    int turn = int(own_tile().z);
+    // of a tile that is looked up again from this face on: what the batch's faces before it found goes on as it was
+    int late_faces = turn & LATE_FACES;
+    bool was_lit = imageLoad(moments, pixel).x > 0.0;
+    vec2 sums = (turn & FIRST_FACE) != 0 ? vec2(0.0) : imageLoad(batch_sums, pixel).xy;
 #endif
     if (surface && view_count > 0) {
         vec4 normal = texelFetch(normals, pixel, 0);
@@ -275,7 +265,7 @@ void main() {
         vec3 normal_fs = face_direction(normal.xyz);
         vec3 shading_fs = face_direction(unpack_direction(normal.w));
 #ifdef MANY_FACES
-        vec3 p_ls = vec3(dot(face[8], vec4(position.xyz, 1.0)), dot(face[9], vec4(position.xyz, 1.0)), dot(face[10], vec4(position.xyz, 1.0)));
+        vec3 p_ls = light_position(position.xyz);
 #endif
 #ifdef OMNI
         set_place(p_fs);
@@ -330,7 +320,7 @@ void main() {
         imageStore(disagreeing, ivec2(tile.xy), uvec4(1u));
     }
 #else
-    if (last_face == 0) {
+    if ((turn & LAST_FACE) == 0) {
         imageStore(batch_sums, pixel, vec4(sums, 0.0, 0.0));
         return;
     }

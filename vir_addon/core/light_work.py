@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..device.interface import Device, Texture
+from ..device.interface import Device, Texture, TextureFormat
 from ..device.owned import Owned
 from .bounds import cullable_instances
 from .fit import FittedFace, fit_light, light_hull, select_receivers
@@ -17,7 +17,7 @@ from .pass_set import PassStatistics
 from .passes.accumulate import MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, PassAccumulator
 from .passes.eye import EyePass
 from .passes.scene_data import SceneData
-from .passes.shadow_maps import RESOLVE, DepthMaps, face_table, samples_table, views_table
+from .passes.shadow_maps import FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, DepthMaps, face_table, samples_table, views_table
 from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
 from .sampling import light_samples, sample_weights
 from .scene import Light, LightShape
@@ -45,6 +45,30 @@ class MapStore:
 
     def release(self) -> None:
         self._owned.close()
+
+
+class FaceTurns:
+    """Which dispatches of a batch look a tile up: only those of faces that its surfaces are seen in, and one in any case."""
+
+    def __init__(self, masks: list[int], tile_faces: np.ndarray) -> None:
+        """masks: faces of each dispatch, a bit each; tile_faces: (rows, columns) those of every tile"""
+        self.masks = masks
+        self.sees = np.array([(tile_faces & mask) != 0 for mask in masks])
+        """(dispatches, rows, columns) bool"""
+        self.sees[0] |= ~self.sees.any(axis=0)
+        self._late_faces = np.zeros(self.sees.shape, np.int64)
+
+    def begin_late(self, index: int, tiles: np.ndarray) -> None:
+        """These tiles, (rows, columns) bool, take part from this dispatch on: what those before it would have found is as it was."""
+        self.sees[:index, tiles] = False
+        self.sees[index, tiles] = True
+        self._late_faces[index, tiles] = sum(self.masks[:index])
+
+    def of(self, index: int) -> np.ndarray:
+        """(rows, columns) int64 as of TURN_DEFINES; -1: none in this dispatch"""
+        first = FIRST_FACE * ~self.sees[:index].any(axis=0)
+        last = LAST_FACE * ~self.sees[index + 1 :].any(axis=0)
+        return np.where(self.sees[index], self._late_faces[index] | first | last, -1)
 
 
 class LightWork:
@@ -139,14 +163,15 @@ class LightWork:
         self.accumulator.begin_batch()
         # faces without casters need no map: the first dispatch looks them up too, or one of their own if there is no other
         mapped = [face for face in self.faces if face[2] is not None] or self.faces[:1]
-        unmapped_mask = sum(1 << fitted.views.face.index for fitted, _, method in self.faces if method is None)
-        done_mask = 0
+        masks = [1 << fitted.views.face.index for fitted, _, _ in mapped]
+        if mapped:
+            masks[0] |= sum(1 << fitted.views.face.index for fitted, _, method in self.faces if method is None)
+        turns: FaceTurns | None = None
         for index, (fitted, table, method) in enumerate(mapped):
             maps = self.store.maps(fitted.views.map_width_px, fitted.views.map_height_px, self.largest_batch)
             if method is not None:
                 with stopwatch.stage("splat or raster"):
                     method.fill(maps, selected)
-            face_mask = 1 << fitted.views.face.index | (unmapped_mask if index == 0 else 0)
             look_up = {
                 "depth_maps": maps.texture,
                 "face": table,
@@ -154,20 +179,19 @@ class LightWork:
                 "samples": samples_table(fitted.views, self.sample_weights, selected),
                 "view_count": len(selected),
                 "map_face": fitted.views.face.index,
-                "face_mask": face_mask,
-                "first_face": int(index == 0),
-                "last_face": int(index == len(mapped) - 1),
+                "face_mask": masks[index],
             }
             with stopwatch.stage("resolve"):
-                self._probe(batch, eye, done_mask, look_up)
-                self._resolve(eye, look_up)
-            done_mask |= face_mask
+                if turns is None:
+                    turns = FaceTurns(masks, self._tile_faces(eye, look_up))
+                self._probe(batch, eye, index, turns, look_up)
+                self._resolve(eye, turns.of(index), look_up)
         if not self.faces:
             # nothing visible is reached; surfaces still have to be told from the background
             with stopwatch.stage("resolve"):
-                nothing = {"view_count": 0, "map_face": 0, "face_mask": 0, "first_face": 1, "last_face": 1}
+                nothing = {"view_count": 0, "map_face": 0, "face_mask": 0, "depth_maps": self.store.maps(1, 1, 1).texture}
                 empty = {name: np.zeros((1, 4)) for name in ("face", "views", "samples")}
-                self._resolve(eye, {"depth_maps": self.store.maps(1, 1, 1).texture, **empty, **nothing})
+                self._resolve(eye, FaceTurns([1], self.accumulator.looked_up).of(0), {**empty, **nothing})
         if self._may_settle(batch):
             with stopwatch.stage("resolve"):
                 self.accumulator.settle(eye.positions, eye.normals)
@@ -182,18 +206,42 @@ class LightWork:
             and (self.batch_views(batch).stop >= MIN_SETTLING_VIEWS or batch + 1 >= self.planned.view_count)
         )
 
-    def _probe(self, batch: int, eye: EyePass, done_mask: int, look_up: dict[str, Any]) -> None:
-        """Look settled tiles up at a few pixels, at others in every batch, and go on with those that are not what they were."""
-        if not self.accumulator.tiles.probed.count:
-            return
-        self.device.fill(self.accumulator.disagreeing, 0)
-        kernel = self.device.compute_kernel(RESOLVE, *self.resolve_flags, "PROBES")
-        self.accumulator.tiles.probed.dispatch_probes(kernel, batch, **self._bindings(eye), **look_up)
-        eye.want_also(self.accumulator.reopen(done_mask))
+    def _tile_faces(self, eye: EyePass, look_up: dict[str, Any]) -> np.ndarray:
+        """(rows, columns) uint32: a bit for every face that the tile's surfaces are seen in"""
+        if "MANY_FACES" not in self.resolve_flags:
+            return np.full(self.accumulator.looked_up.shape, look_up["face_mask"], np.uint32)
+        rows, columns = self.accumulator.looked_up.shape
+        width, height = eye.size
+        with Owned() as temporary:
+            tile_faces = temporary.own(self.device.create_texture(columns, rows, TextureFormat.R32UI))
+            self.device.compute_kernel(TILE_FACES).dispatch(
+                (-(-columns // 8), -(-rows // 8), 1),
+                positions=eye.positions,
+                tile_faces=tile_faces,
+                width=width,
+                height=height,
+                **{name: look_up[name] for name in ("view_count", "face", "samples")},
+            )
+            return self.device.read(tile_faces)
 
-    def _resolve(self, eye: EyePass, look_up: dict[str, Any]) -> None:
-        kernel = self.device.compute_kernel(RESOLVE, *self.resolve_flags)
-        self.accumulator.tiles.walked.dispatch(kernel, **self._bindings(eye), **look_up)
+    def _probe(self, batch: int, eye: EyePass, index: int, turns: FaceTurns, look_up: dict[str, Any]) -> None:
+        """Look settled tiles up at a few pixels, at others in every batch, and go on with those that are not what they were."""
+        with Owned() as temporary:
+            tiles = temporary.own(self.accumulator.tiles_to_probe(turns.sees[index]))
+            if not tiles.count:
+                return
+            self.device.fill(self.accumulator.disagreeing, 0)
+            tiles.dispatch_probes(
+                self.device.compute_kernel(RESOLVE, *self.resolve_flags, "PROBES"), batch, **self._bindings(eye), **look_up
+            )
+        reopened = self.accumulator.reopen()
+        eye.want_also(reopened)
+        turns.begin_late(index, reopened)
+
+    def _resolve(self, eye: EyePass, turns: np.ndarray, look_up: dict[str, Any]) -> None:
+        with Owned() as temporary:
+            tiles = temporary.own(self.accumulator.tiles_to_look_up(turns))
+            tiles.dispatch(self.device.compute_kernel(RESOLVE, *self.resolve_flags), **self._bindings(eye), **look_up)
 
     def _bindings(self, eye: EyePass) -> dict[str, Any]:
         width, height = eye.size

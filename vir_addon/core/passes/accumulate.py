@@ -9,7 +9,7 @@ import numpy as np
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
 from ...device.interface import Device, Texture, TextureFormat
 from ...device.owned import Owned
-from .tiles import TILE_PX, TileSplit, grid_shape, spread_to_pixels, with_neighbours
+from .tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
 
 ERROR_TILE_PX = 16
 MIN_SETTLING_VIEWS = 16
@@ -68,24 +68,16 @@ class PassAccumulator:
         rows, columns = grid_shape(width, height)
         self.tile_states = np.zeros((rows, columns), np.uint32)
         """of settled tiles; 0: looked up"""
-        self._late_faces = np.zeros((rows, columns))
-        """of tiles reopened at this face: those of the batch before it, a bit each"""
         self._repeats = np.ones((rows, columns))
         """how many batches each batch in a tile's sums stands for, once this batch's faces are through"""
         with Owned() as owned:
             self.moments, self.coverage = owned.own(device.upload_texture(zeros)), owned.own(device.upload_texture(zeros))
             self.disagreeing = owned.own(device.create_texture(columns, rows, TextureFormat.R32UI))
             """set by probes for settled tiles that are not what they were"""
-            self.tiles = TileSplit(device, self.looked_up, *self._numbers())
-            """walked: what is looked up; probed: what is settled"""
             self._owned = owned.pop_all()
         self.batch_count = 0
         self.settled_batch_count = 0
         """batches in the sums of settled tiles; 0 as long as none were looked for"""
-
-    def _numbers(self) -> tuple[np.ndarray, np.ndarray]:
-        """What RESOLVE wants to know of tiles: walked ones, probed ones."""
-        return np.stack([self._late_faces, self._repeats], axis=-1), np.stack([self.tile_states, self._repeats], axis=-1)
 
     @property
     def looked_up(self) -> np.ndarray:
@@ -94,10 +86,15 @@ class PassAccumulator:
 
     def begin_batch(self) -> None:
         self.batch_count += 1
-        if self._late_faces.any() or (self._repeats != 1).any():
-            self._repeats[:] = 1
-            self._late_faces[:] = 0
-            self.tiles = self.tiles.replaced(self.looked_up, *self._numbers())
+        self._repeats[:] = 1
+
+    def tiles_to_look_up(self, turns: np.ndarray) -> Tiles:
+        """For RESOLVE. turns: (rows, columns) as of TURN_DEFINES, -1 for tiles without one"""
+        return Tiles(self.device, self.looked_up & (turns >= 0), np.stack([turns, self._repeats], axis=-1))
+
+    def tiles_to_probe(self, wanted: np.ndarray) -> Tiles:
+        """Settled ones, for RESOLVE with PROBES. wanted: (rows, columns) bool"""
+        return Tiles(self.device, ~self.looked_up & wanted, np.stack([self.tile_states, self._repeats], axis=-1))
 
     def settle(self, positions: Texture, normals: Texture) -> None:
         """Leave tiles out of later batches that lie in the middle of what is wholly lit, dark or background so far.
@@ -123,20 +120,16 @@ class PassAccumulator:
             self.device.compute_kernel(SETTLE_TILES).dispatch(groups, states=states, tile_states=tile_states, **size)
             self.tile_states = self.device.read(tile_states)
         self.settled_batch_count = self.batch_count
-        self.tiles = self.tiles.replaced(self.looked_up, *self._numbers())
 
-    def reopen(self, face_mask_before: int) -> np.ndarray:
+    def reopen(self) -> np.ndarray:
         """Look tiles up again that the probes of this batch found changed, and those around them.
 
-        The batches that they were left out of count as found by probes: as they were. face_mask_before: faces of this batch that were
-        looked up already. Returns (rows, columns) bool, the tiles.
+        The batches that they were left out of count as found by probes: as they were. Returns (rows, columns) bool, the tiles.
         """
         reopened = with_neighbours(self.device.read(self.disagreeing) > 0) & ~self.looked_up
-        if reopened.any() or self._late_faces.any():
+        if reopened.any():
             self.tile_states = np.where(reopened, 0, self.tile_states).astype(np.uint32)
-            self._late_faces = np.where(reopened, face_mask_before, 0)
             self._repeats[reopened] = (self.batch_count - 1) / self.settled_batch_count
-            self.tiles = self.tiles.replaced(self.looked_up, *self._numbers())
         return reopened
 
     @property
@@ -174,7 +167,6 @@ class PassAccumulator:
         return moments[..., 0] / batches, moments[..., 1] / batches, surfaces / batches
 
     def release(self) -> None:
-        self.tiles.release()
         self._owned.close()
 
 

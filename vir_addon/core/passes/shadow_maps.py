@@ -258,6 +258,29 @@ RASTERIZE_SMALL_TRIANGLES = ComputeDeclaration(
     flags={**ORTHOGRAPHIC_FLAG, "FRONT_FACE": FRONT_FACE},
 )
 
+TILE_FACES = ComputeDeclaration(
+    name="tile_faces",
+    text="finds the faces of a light's cube that each tile of the picture needs",
+    source="tile_faces.comp.glsl",
+    local_size=(8, 8, 1),
+    textures={"positions": Sampled("sampler2D", "position (world space) and instance number, -1 for the background")},
+    images={"tile_faces": Stored("R32UI", "write", "a bit a face")},
+    constants={
+        "width": Constant("int", "of the picture, pixels"),
+        "height": Constant("int", "of the picture, pixels"),
+        "view_count": VIEW_COUNT,
+    },
+    tables={"face": FACE_TABLE, "samples": SAMPLES_TABLE},
+    defines={"TILE_PX": TILE_PX},
+)
+
+LATE_FACES = 0x3F
+FIRST_FACE = 0x40
+LAST_FACE = 0x80
+TURN_DEFINES = {"LATE_FACES": LATE_FACES, "FIRST_FACE": FIRST_FACE, "LAST_FACE": LAST_FACE}
+"""What RESOLVE knows of a tile's turn in a batch: faces before this one that count as they did before, and whether it begins or ends the
+batch's sums."""
+
 RESOLVE = ComputeDeclaration(
     name="resolve",
     text="looks visible surfaces up in the maps of a batch and accumulates the pass",
@@ -281,10 +304,10 @@ RESOLVE = ComputeDeclaration(
         "height": Constant("int", "of the picture, pixels"),
         **TILE_CONSTANTS,
         "view_count": VIEW_COUNT,
-        "first_face": Constant("int", "1 for the first face of a batch"),
         "map_face": Constant("int", "number of the face that the maps are of; with MANY_FACES"),
-        "face_mask": Constant("int", "faces that this dispatch looks up: that of the maps and, in the first, all without casters"),
-        "last_face": Constant("int", "1 for the last face of a batch"),
+        "face_mask": Constant(
+            "int", "faces that this dispatch looks up: that of the maps and, in the first, all without casters; MANY_FACES"
+        ),
     },
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE, "samples": SAMPLES_TABLE},
     flags={
@@ -297,7 +320,7 @@ RESOLVE = ComputeDeclaration(
         "POINT_MAPS": "the maps were splatted: undo the half texel by which that enlarges outlines",
         **PROBES_FLAG,
     },
-    defines=TILE_DEFINES,
+    defines={**TILE_DEFINES, **TURN_DEFINES},
 )
 
 
