@@ -5,6 +5,7 @@
     corner_normals    one texel a triangle: three packed normals; only of meshes whose corners differ
     instances         INSTANCE_TEXELS texels an instance: three rows of world_from_object; vertex and triangle base;
                       corner base, shading kind, orientation; stable id
+What has an opacity map stands in `opacity_maps.OpacityMaps` besides, which exists only if something has.
 Integers are floats here (Blender uploads only floats), those that may exceed 2^24 split into high and low 16 bits.
 """
 
@@ -15,8 +16,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...device.declaration import Sampled
-from ...device.interface import Device, DeviceMesh, Draw, Texture
+from ...device.interface import Device, DeviceMesh, Draw, Texture, split_integers
 from ..scene import Mesh, SceneSnapshot
+from .opacity_maps import OpacityMaps
 
 INSTANCE_TEXELS = 6
 SHADING_FLAT, SHADING_POINT, SHADING_CORNER = 0, 1, 2
@@ -39,12 +41,6 @@ def pack_directions(directions: np.ndarray) -> np.ndarray:
     wrapped = (1 - np.abs(xy[..., ::-1])) * np.where(xy >= 0, 1, -1)
     q = np.floor((np.where(p[..., 2:] < 0, wrapped, xy) * 0.5 + 0.5) * 4095 + 0.5)
     return (q[..., 0] * 4096 + q[..., 1]).astype(np.float32)
-
-
-def split_integers(values: np.ndarray) -> np.ndarray:
-    """(...) non-negative integers -> (..., 2) float32: high and low 16 bits, both exact."""
-    values = np.asarray(values, np.int64)
-    return np.stack([values >> 16, values & 0xFFFF], axis=-1).astype(np.float32)
 
 
 def _shading_of(mesh: Mesh) -> int:
@@ -73,6 +69,10 @@ class SceneData:
         self.triangles = device.upload_array(self._triangle_rows())
         self.corner_normals = device.upload_array(self._corner_rows())
         self.instances = device.upload_array(self._instance_rows())
+        is_cut_out = np.array([mesh.opacity_map is not None for mesh in meshes], bool)
+        self.cut_out = is_cut_out[snapshot.instances.mesh_index]
+        """(instance_count,) bool: instances with an opacity map"""
+        self.opacity_maps = OpacityMaps(snapshot, device) if is_cut_out.any() else None
 
     def _vertex_rows(self) -> np.ndarray:
         rows = np.zeros((int(self.vertex_bases[-1]), 4), np.float32)
@@ -160,6 +160,8 @@ class SceneData:
             texture.release()
         for mesh in self._drawables.values():
             mesh.release()
+        if self.opacity_maps is not None:
+            self.opacity_maps.release()
 
 
 class WorkTable:
