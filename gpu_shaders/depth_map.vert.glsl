@@ -9,7 +9,7 @@
 
 void main() {
 #ifdef CUT_OUT
-    place_in_opacity_map(first_instance + gl_InstanceID, position_os);
+    place_in_opacity_map(first_instance + gl_InstanceID);
 #endif
 #ifdef PLACED
     vec3 p = position_os - view_center(view_index);

@@ -1,15 +1,21 @@
 #ifdef CUT_OUT
 #include "lib/opacity.glsl"
+
+// 14 bits, zeros between them
+uint spread_bits(uint bits) {
+    bits = (bits | bits << 8u) & 0x00ff00ffu;
+    bits = (bits | bits << 4u) & 0x0f0f0f0fu;
+    bits = (bits | bits << 2u) & 0x33333333u;
+    return (bits | bits << 1u) & 0x55555555u;
+}
 #endif
 
 void main() {
 #ifdef CUT_OUT
-    // the samples of a pixel take the first thresholds, those of its next rasterization go on from there
-    ivec2 at = ivec2(gl_FragCoord.xy);
-    ivec2 pixel = at / samples_per_px;
-    ivec2 within = at - pixel * samples_per_px;
-    int index = first_threshold + within.y * samples_per_px + within.x;
-    if (opacity_at(map_base, uv) <= opacity_threshold(uint(index), pcg_hash(threshold_seed ^ uint(pixel.y << 16 | pixel.x)))) {
+    // filters take samples from several pixels: along this curve neighbours' thresholds are stratified wherever a pixel begins
+    uvec2 at = uvec2(gl_FragCoord.xy);
+    uint index = spread_bits(at.x) | spread_bits(at.y) << 1u | uint(rasterization) << 28u;
+    if (opacity_at(map_base, uv) <= opacity_threshold(index, threshold_seed)) {
         discard;
     }
 #endif

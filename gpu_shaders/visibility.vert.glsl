@@ -8,7 +8,7 @@ void main() {
     int instance = first_instance + gl_InstanceID;
     instance_id = instance;
 #ifdef CUT_OUT
-    place_in_opacity_map(instance, position_os);
+    place_in_opacity_map(instance);
 #endif
     gl_Position = clip_from_world * vec4(place_vertex(instance, position_os), 1.0);
 }

@@ -2,12 +2,12 @@
 #include "lib/linear_texel.glsl"
 #include "lib/hash.glsl"
 
-void place_in_opacity_map(int instance, vec3 p_os) {
+void place_in_opacity_map(int instance) {
     vec4 bases = texelFetch(cut_out_instances, linear_texel(instance), 0);
     int first_vertex = int(bases.x) * 65536 + int(bases.y);
-    uv = texelFetch(cut_out_uvs, linear_texel(first_vertex + gl_VertexID), 0).xy;
+    vec4 vertex = texelFetch(cut_out_uvs, linear_texel(first_vertex + gl_VertexID), 0);
+    uv = vertex.xy;
     map_base = int(bases.z) * 65536 + int(bases.w);
     vec4 identity = texelFetch(instances, linear_texel(instance * INSTANCE_TEXELS + 5), 0);
-    // of the vertex that stands for the triangle: its place, not its number
-    threshold_seed = pcg_hash(hash_position(p_os) ^ ((uint(identity.x) << 16u) | uint(identity.y)));
+    threshold_seed = pcg_hash(uint(vertex.z) ^ pcg_hash((uint(identity.x) << 16u) | uint(identity.y)));
 }

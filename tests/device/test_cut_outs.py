@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-from tests.scenes import METHODS, area_light, camera_from_above, floor, point_light, rectangle, render_pass, rmse, snapshot, sun_light
-from tests.scenes import with_opacity
-from vir_addon.core.scene import Extension
+from tests.scenes import (
+    METHODS,
+    area_light,
+    camera_from_above,
+    floor,
+    rectangle,
+    render_pass,
+    rmse,
+    snapshot,
+    sun_light,
+    with_opacity,
+)
 from vir_addon.core.settings import Method
 
 RASTERIZED = (Method.MVR, Method.MICRO)

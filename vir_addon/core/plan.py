@@ -112,8 +112,10 @@ def _plan_light(
     reason = _describe(light) if light.has_size else f"{_describe(light)} without size: one view, a hard shadow"
     face_count = _likely_face_count(light, places_ws)
     estimates = cost.estimate_methods(snapshot, light, view_count, settings, bounds, face_count=face_count)
+    has_cut_outs = any(snapshot.meshes[index].opacity_map is not None for index in _caster_meshes(snapshot, light))
     if settings.method is Method.AUTO:
-        method = min(estimates, key=lambda m: estimates[m])
+        # what the rasterizer draws into splatted maps loses half a texel at every outline, and lace is nothing but outlines
+        method = min((m for m in estimates if not (has_cut_outs and m.uses_points)), key=lambda m: estimates[m])
         other = max(estimates, key=lambda m: estimates[m])
         reason += (
             f"; {method.value} about {max(estimates[other] / max(estimates[method], 1e-9), 1.0):.1f} times faster than {other.value} here"
@@ -121,6 +123,8 @@ def _plan_light(
     else:
         method = settings.method
         reason += f"; {method.value} as asked"
+        if has_cut_outs and method.uses_points:
+            reason += ", though cut-outs lose half a texel at their outlines"
     return PlannedPass(
         light.name,
         pass_name,
@@ -132,6 +136,11 @@ def _plan_light(
         map_resolution_px=settings.map_resolution_px,
         predicted_ms=estimates[method] + face_count * cost.resolve_ms(snapshot, view_count),
     )
+
+
+def _caster_meshes(snapshot: SceneSnapshot, light: Light) -> np.ndarray:
+    """(n,) int32 meshes that may cast this light's shadow."""
+    return np.unique(snapshot.instances.mesh_index[light_casters(snapshot, light)])
 
 
 def _describe(light: Light) -> str:

@@ -86,7 +86,12 @@ class DepthMapMethod(abc.ABC):
         table = self.views_table(selected)
         table[0::2, 3] = self._cut_out_map_count + np.arange(len(selected))
         self._cut_out_map_count += len(selected)
-        bindings = {"instances": self.scene_data.instances, "face": self.face_table, "views": table, **self.scene_data.opacity_maps.bindings}
+        bindings = {
+            "instances": self.scene_data.instances,
+            "face": self.face_table,
+            "views": table,
+            **self.scene_data.opacity_maps.bindings,
+        }
         for index, view in enumerate(selected):
             seen = self.fitted.caster_indices[self.fitted.seen_by_view[view]]
             viewport = (0, index * views.map_height_px, views.map_width_px, views.map_height_px)

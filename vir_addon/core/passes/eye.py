@@ -47,8 +47,7 @@ VISIBILITY_OF_CUT_OUTS = RasterDeclaration(
     textures={**VISIBILITY.textures, **OPACITY_TEXTURES},
     constants={
         **VISIBILITY.constants,
-        "samples_per_px": Constant("int", "visibility samples along a pixel's side"),
-        "first_threshold": Constant("int", "visibility samples of a pixel that were rasterized before"),
+        "rasterization": Constant("int", "its number, below 16: each has thresholds of its own"),
     },
     varyings={**VISIBILITY.varyings, **OPACITY_VARYINGS},
     output_name=VISIBILITY.output_name,
@@ -186,8 +185,7 @@ class EyePass:
                 self.cut_out_draws,
                 **bindings,
                 **self.scene_data.opacity_maps.bindings,
-                samples_per_px=self.samples_per_px,
-                first_threshold=visibility_number * self.samples_per_px**2,
+                rasterization=visibility_number,
             )
 
     def _eye_table(self, offset_px: np.ndarray) -> np.ndarray:

@@ -31,7 +31,8 @@ FACE_TABLE = Table(
 )
 VIEWS_TABLE = Table(
     2 * MAX_BATCH_VIEWS,
-    "two rows a view: centre (face space), its number for opacity maps; window's place on the lattice, centre in the light's plane (suns: shear)",
+    "two rows a view: centre (face space), its number for opacity maps; "
+    "window's place on the lattice, centre in the light's plane (suns: shear)",
 )
 SAMPLES_TABLE = Table(MAX_BATCH_VIEWS, "light samples (light space; suns: unit directions of rays) and what each counts")
 VIEW_COUNT = Constant("int", "views in this batch")
