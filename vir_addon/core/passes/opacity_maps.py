@@ -66,8 +66,8 @@ than the rounding of triangles that lie in one plane; where it does part them, t
 
 
 def plane_seeds(mesh: Mesh) -> np.ndarray:
-    """(vertex_count,) float32 integers below 2^24, the same for all triangles in a plane: two thresholds in one pane would show its diagonal.
-    Of a vertex that several planes share, that of one of them."""
+    """(vertex_count,) float32 integers below 2^24, the same for all triangles in a plane: two orders of thresholds in one pane would show
+    its diagonal. Of a vertex that several planes share, that of one of them."""
     a, b, c = np.moveaxis(mesh.positions_os[mesh.triangles].astype(np.float64), 1, 0)
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
