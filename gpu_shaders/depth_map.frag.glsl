@@ -5,7 +5,7 @@
 
 void main() {
 #ifdef CUT_OUT
-    if (opacity_at(map_base, uv) <= opacity_threshold(view_number(view_index), threshold_seed)) {
+    if (opacity_at(map_base, map_header, uv) <= opacity_threshold(view_number(view_index), threshold_seed)) {
         discard;
     }
 #endif

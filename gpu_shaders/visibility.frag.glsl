@@ -15,7 +15,7 @@ void main() {
     // filters take samples from several pixels: along this curve neighbours' thresholds are stratified wherever a pixel begins
     uvec2 at = uvec2(gl_FragCoord.xy);
     uint index = spread_bits(at.x) | spread_bits(at.y) << 1u | uint(rasterization) << 28u;
-    if (opacity_at(map_base, uv) <= opacity_threshold(index, threshold_seed)) {
+    if (opacity_at(map_base, map_header, uv) <= opacity_threshold(index, threshold_seed)) {
         discard;
     }
 #endif

@@ -15,16 +15,16 @@ float texel_value(ivec2 texel, ivec2 size, int extension, int first) {
     // repeated texels too: division may have rounded
     texel = clamp(texel, ivec2(0), size - 1);
     int index = texel.y * size.x + texel.x;
-    int packed_bytes = int(texelFetch(opacity_maps, linear_texel(first + index / 12), 0)[index / 3 % 4]);
-    return float((packed_bytes >> (8 * (index % 3))) & 255);
+    int two_bytes = int(texelFetch(opacity_maps, linear_texel(first + (index >> 3)), 0)[(index >> 1) & 3]);
+    return float((two_bytes >> (8 * (index & 1))) & 255);
 }
 
-float opacity_at(int base, vec2 place) {
-    vec4 header = texelFetch(opacity_maps, linear_texel(base), 0);
+// base: of the map, as the vertex shader found it with what else of it the fragments of a triangle share
+float opacity_at(int base, vec4 header, vec2 place) {
     ivec2 size = ivec2(header.xy);
     int extension = int(header.z);
     int first = base + 1 + OPACITY_TEXELS;
-    vec2 at = place * vec2(size);
+    vec2 at = place * header.xy;
     float value;
     if (header.w > 0.5) {
         vec2 low = floor(at - 0.5);
@@ -37,10 +37,10 @@ float opacity_at(int base, vec2 place) {
     } else {
         value = texel_value(ivec2(floor(at)), size, extension, first);
     }
-    int step = min(int(value), 254);
-    float lower = texelFetch(opacity_maps, linear_texel(base + 1 + step / 4), 0)[step % 4];
-    float upper = texelFetch(opacity_maps, linear_texel(base + 1 + (step + 1) / 4), 0)[(step + 1) % 4];
-    return mix(lower, upper, value - float(step));
+    int step = int(value);
+    vec4 steps = texelFetch(opacity_maps, linear_texel(base + 1 + (step >> 1)), 0);
+    vec2 ends = (step & 1) == 0 ? steps.xy : steps.zw;
+    return mix(ends.x, ends.y, value - float(step));
 }
 
 // The index-th threshold of a triangle, in [0, 1): of every aligned run of 2^k one lies in each 2^k-th. A van der Corput sequence whose

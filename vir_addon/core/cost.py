@@ -18,7 +18,7 @@ from .settings import Method, PointStorage, Settings
 RASTER_NS_PER_TRIANGLE = 100.0
 RASTER_NS_PER_DRAW = 30_000.0
 RASTER_NS_PER_TEXEL = 4.0
-CUT_OUT_NS_PER_TEXEL = 50.0
+CUT_OUT_NS_PER_TEXEL = 20.0
 """looking an opacity map up and what the rasterizer does besides"""
 GENERATE_NS_PER_TRIANGLE = 300.0
 GENERATE_NS_PER_POINT = 60.0

@@ -1,7 +1,7 @@
 """Opacity maps on the device, and what the rasterizer needs to look them up: for cut-out leaves, lace, tinted panes.
 
     opacity_maps        per map: a texel with width, height, extension and whether it is interpolated; OPACITY_TEXELS texels of its
-                        opacity table; its texels' values, row by row, three to a channel
+                        opacity table, each with two entries and their successors; its texels' values, row by row, two to a channel
     cut_out_uvs         one texel a vertex of meshes with an opacity map: u, v, the seed of its triangle's thresholds
     cut_out_instances   one texel an instance: its mesh's first in `cut_out_uvs`, its first in `opacity_maps`
 
@@ -20,10 +20,10 @@ from ...device.declaration import Sampled, Varying
 from ...device.interface import Device, Texture, split_integers
 from ..scene import Extension, Mesh, OpacityMap, SceneSnapshot
 
-OPACITY_TEXELS = 64
-"""256 opacities, four to a texel"""
-VALUES_PER_TEXEL = 12
-"""three bytes are an integer that float32 holds exactly"""
+OPACITY_TEXELS = 128
+"""of 256 opacities"""
+VALUES_PER_TEXEL = 8
+"""Three bytes to a channel would be exact too, but shifts are cheaper than divisions."""
 
 OPACITY_DEFINES = {
     "CUT_OUT": 1,
@@ -39,6 +39,7 @@ OPACITY_TEXTURES: Mapping[str, Sampled] = {
 OPACITY_VARYINGS: Mapping[str, Varying] = {
     "uv": Varying("vec2", "smooth", "place in the opacity map"),
     "map_base": Varying("int", "flat", "the opacity map's first texel in the array"),
+    "map_header": Varying("vec4", "flat", "the opacity map's size, extension and whether it is interpolated"),
     "threshold_seed": Varying("uint", "flat", "tells the triangle's order of thresholds"),
 }
 
@@ -49,8 +50,9 @@ def pack_opacity_map(opacity_map: OpacityMap) -> np.ndarray:
     header = (width, height, list(Extension).index(opacity_map.extension), opacity_map.is_interpolated)
     values = np.zeros(-(-opacity_map.texels.size // VALUES_PER_TEXEL) * VALUES_PER_TEXEL, np.float32)
     values[: opacity_map.texels.size] = opacity_map.texels.ravel()
-    packed = values.reshape(-1, 4, 3) @ np.array([1, 256, 65536], np.float32)
-    return np.concatenate([np.array([header], np.float32), opacity_map.opacity.reshape(-1, 4).astype(np.float32), packed])
+    packed = values.reshape(-1, 4, 2) @ np.array([1, 256], np.float32)
+    steps = np.column_stack([opacity_map.opacity, np.append(opacity_map.opacity[1:], opacity_map.opacity[-1])])
+    return np.concatenate([np.array([header]), steps.reshape(-1, 4), packed]).astype(np.float32)
 
 
 def _vertex_rows(mesh: Mesh) -> np.ndarray:
