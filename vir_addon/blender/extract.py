@@ -57,7 +57,7 @@ def snapshot(depsgraph: bpy.types.Depsgraph, *, resolution: tuple[int, int] | No
         pixel_filter=extract_pixel_filter(scene, engine_of(depsgraph.scene)),
         world_origin_m=placed.world_origin_m,
         left_out=_sorted_left_out([*left_out, *placed.left_out, *unplaced]),
-        notes=tuple(_notes(depsgraph, placed)),
+        notes=tuple(_notes(depsgraph, placed) + sorted(surfaces.materials.notes)),
         extract_ms=1e3 * (time.perf_counter() - start_s),
     )
 

@@ -56,7 +56,8 @@ def read_texels(image: bpy.types.Image, channel: Channel) -> tuple[np.ndarray, s
     note = ""
     if max(width, height) > MAX_SIDE_PX:
         pixels = _shrink(pixels)
-        note = f"its opacity is used at {pixels.shape[1]} x {pixels.shape[0]} instead of {width} x {height} pixels"
+        used = f"{pixels.shape[1]} x {pixels.shape[0]}"
+        note = f"The opacity of the image '{image.name}' is used at {used} instead of {width} x {height} pixels."
     has_alpha = channel_count in (2, 4) and image.alpha_mode != "NONE"
     alpha = pixels[..., -1] if has_alpha else np.ones(pixels.shape[:2], np.float32)
     if not is_color:

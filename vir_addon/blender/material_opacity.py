@@ -120,7 +120,10 @@ _MAX_LINKS = 1000
 
 
 def _by_identifier(sockets: bpy.types.NodeInputs, identifier: str) -> bpy.types.NodeSocket:
-    return next(socket for socket in sockets if socket.identifier == identifier)
+    found = next((socket for socket in sockets if socket.identifier == identifier), None)
+    if found is None:
+        raise _UnreadableError(f"a socket '{identifier}' that is not there")
+    return found
 
 
 class MaterialReader:
@@ -134,6 +137,7 @@ class MaterialReader:
         self._maps: dict[tuple[object, ...], OpacityMap] = {}
         self._texels: dict[tuple[int, Channel], np.ndarray] = {}
         self.left_out: list[LeftOut] = []
+        self.notes: list[str] = []
 
     def materials_of(self, shown: bpy.types.Object) -> tuple[MaterialOpacity | None, ...]:
         """One entry a material slot of an evaluated object; empty when the object is opaque as a whole."""
@@ -184,8 +188,7 @@ class MaterialReader:
         image_key = (texture.image.as_pointer(), texture.channel)
         if image_key not in self._texels:
             self._texels[image_key], note = read_texels(texture.image, texture.channel)
-            if note:
-                self.left_out.append(LeftOut(f"image {texture.image.name}", note))
+            self.notes += [note] * bool(note)
         texels = self._texels[image_key]
         used = table[np.bincount(texels.ravel(), minlength=256) > 0]
         # importers link the alpha of every image, of those that are opaque throughout as well
