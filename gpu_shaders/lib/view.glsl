@@ -5,6 +5,7 @@
 
 // Views of a batch: table `views`, two rows each.
 #define view_center(k) (views[2 * (k)].xyz)
+#define view_number(k) (uint(views[2 * (k)].w))  // how many maps were drawn before it; for opacity maps
 #define view_first_row(k) ((k) * map_size.y)
 #define view_window(k) (views[2 * (k) + 1].xy)
 

@@ -15,7 +15,9 @@ from tests.scenes import (
     snapshot,
     spot_light,
     sun_light,
+    with_opacity,
 )
+from vir_addon.core import cost
 from vir_addon.core.errors import SceneError, UsageError
 from vir_addon.core.plan import plan
 from vir_addon.core.render import render
@@ -193,3 +195,30 @@ def test_points_are_of_a_method_that_makes_some(method):
         with pytest.raises(UsageError, match=f"bufferless with the method {method.value}.*ivir"):
             Settings(method=method, points=PointStorage.BUFFERLESS)
     assert Settings(method=method, points=PointStorage.BUFFERED).method is method
+
+
+def test_cut_outs_are_not_splatted_unless_asked(monkeypatch):
+    """A light that only an opaque box blocks keeps the choice."""
+    card = with_opacity(rectangle("card", (-1, -1, 1), (2, 0, 0), (0, 2, 0)), np.eye(2), [(0, 0), (1, 0), (1, 1), (0, 1)])
+    lights = [area_light("Both"), area_light("Opaque only", blockers=np.array([True, True, False]))]
+    meshes = [floor(4.0), box("box", (0, 0, 0.5), (0.5, 0.5, 0.5)), card]
+    camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
+    scene = snapshot(meshes, lights, camera, WIDTH, HEIGHT)
+    estimates = {Method.IVIR: 1.0, Method.MICRO: 2.0, Method.MVR: 3.0}
+    monkeypatch.setattr(cost, "estimate_methods", lambda *_, **__: estimates)
+    lines = {line.light_name: line for line in plan(scene, Settings()).passes}
+    assert lines["Both"].method is Method.MICRO and lines["Opaque only"].method is Method.IVIR
+    asked = {line.light_name: line for line in plan(scene, Settings(method=Method.IVIR)).passes}
+    assert asked["Both"].method is Method.IVIR and "half a texel" in asked["Both"].reason
+    assert "half a texel" not in asked["Opaque only"].reason
+
+
+def test_cut_outs_cost():
+    """The rasterizer draws them for every view, whatever the method."""
+    card = rectangle("card", (-1, -1, 1), (2, 0, 0), (0, 2, 0))
+    camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
+    opaque, cut_out = (
+        planned(snapshot([floor(4.0), shown], [area_light()], camera, WIDTH, HEIGHT), method=Method.MICRO)
+        for shown in (card, with_opacity(card, np.eye(2), [(0, 0), (1, 0), (1, 1), (0, 1)]))
+    )
+    assert cut_out.predicted_ms > opaque.predicted_ms

@@ -131,8 +131,10 @@ def _plan_light(
         )
     face_count = _likely_face_count(light, places_ws)
     estimates = cost.estimate_methods(snapshot, light, view_count, settings, bounds, face_count=face_count)
+    has_cut_outs = any(snapshot.meshes[index].opacity_map is not None for index in _caster_meshes(snapshot, light))
     if settings.method is Method.AUTO:
-        method = min(estimates, key=lambda m: estimates[m])
+        # what the rasterizer draws into splatted maps loses half a texel at every outline, and lace is nothing but outlines
+        method = min((m for m in estimates if not (has_cut_outs and m.uses_points)), key=lambda m: estimates[m])
         other = max(estimates, key=lambda m: estimates[m])
         reason += (
             f"; {method.value} about {max(estimates[other] / max(estimates[method], 1e-9), 1.0):.1f} times faster than {other.value} here"
@@ -140,6 +142,8 @@ def _plan_light(
     else:
         method = settings.method
         reason += f"; {method.value} as asked"
+        if has_cut_outs and method.uses_points:
+            reason += ", though cut-outs lose half a texel at their outlines"
     return PlannedPass(
         light.name,
         pass_name,
@@ -159,6 +163,11 @@ def _receiving_corners(snapshot: SceneSnapshot, light: Light, bounds: SceneBound
     if light.receivers is not None:
         visible &= light.receivers
     return bounds.corners_ws[visible].reshape(-1, 3)
+
+
+def _caster_meshes(snapshot: SceneSnapshot, light: Light) -> np.ndarray:
+    """(n,) int32 meshes that may cast this light's shadow."""
+    return np.unique(snapshot.instances.mesh_index[light_casters(snapshot, light)])
 
 
 def _describe(light: Light) -> str:

@@ -11,7 +11,7 @@ from ...device.interface import Device
 from ...device.owned import Owned
 from ..fit import FittedFace
 from ..passes.scene_data import SceneData
-from ..passes.shadow_maps import MAX_BATCH_VIEWS, DepthMaps, views_table
+from ..passes.shadow_maps import MAX_BATCH_VIEWS, RASTERIZE_CUT_OUTS, DepthMaps, views_table
 from ..scene import Light
 from ..settings import Settings
 from .shared import SharedByFaces
@@ -43,6 +43,11 @@ class DepthMapMethod(abc.ABC):
         self.device: Device = job.scene_data.device
         self.portion_count = 1
         self.projection_flags = ["ORTHOGRAPHIC"] * job.fitted.views.is_orthographic
+        is_cut_out = self.scene_data.cut_out[self.fitted.caster_indices]
+        self.opaque_indices = self.fitted.caster_indices[~is_cut_out]
+        """(n,) int64 casters without an opacity map"""
+        self.has_cut_outs = bool(is_cut_out.any())
+        self._cut_out_map_count = 0
 
     @property
     def caster_triangle_count(self) -> int:
@@ -70,6 +75,28 @@ class DepthMapMethod(abc.ABC):
     def counts(self) -> dict[str, int]:
         """What was prepared for the views so far, by the fields of `PassStatistics`."""
         return {}
+
+    def _rasterize_cut_outs(self, maps: DepthMaps, selected: range) -> None:
+        """Draw the casters with an opacity map, whatever the method does with the others. Before anything that is not the rasterizer
+        writes into the maps: it knows only its own depths. Whatever the number of views, each map has thresholds of its own."""
+        if not self.has_cut_outs or self.scene_data.opacity_maps is None:
+            return
+        kernel = self.device.raster_kernel(RASTERIZE_CUT_OUTS, *self.projection_flags)
+        views = self.fitted.views
+        table = self.views_table(selected)
+        table[0::2, 3] = self._cut_out_map_count + np.arange(len(selected))
+        self._cut_out_map_count += len(selected)
+        bindings = {
+            "instances": self.scene_data.instances,
+            "face": self.face_table,
+            "views": table,
+            **self.scene_data.opacity_maps.bindings,
+        }
+        for index, view in enumerate(selected):
+            seen = self.fitted.caster_indices[self.fitted.seen_by_view[view]]
+            viewport = (0, index * views.map_height_px, views.map_width_px, views.map_height_px)
+            draws = self.scene_data.draws(seen[self.scene_data.cut_out[seen]])
+            kernel.draw(maps.target, viewport, draws, view_index=index, **bindings)
 
     def views_table(self, selected: range) -> np.ndarray:
         return views_table(self.fitted.views, selected)
@@ -107,10 +134,10 @@ class ReplayMethod(DepthMapMethod):
 
     def _may_search_hidden(self, selected: range) -> bool:
         """Once, after a batch large enough to stand for all views, and only if there are others left to gain from it. What is made
-        again for every batch would be searched every time."""
+        again for every batch would be searched every time; what stands behind an opacity map is hidden in one batch and seen in another."""
         return (
             self.settings.cull_hidden
-            and not (self._has_searched_hidden or self._was_dropped)
+            and not (self._has_searched_hidden or self._was_dropped or self.has_cut_outs)
             and len(selected) == MAX_BATCH_VIEWS < self.fitted.views.view_count
         )
 

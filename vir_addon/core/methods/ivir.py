@@ -89,7 +89,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         self._portions: list[_Portion] = []
 
     def _prepare(self) -> None:
-        self.work = self._owned.own(self.scene_data.work_table(self.fitted.caster_indices, ~self.culled))
+        self.work = self._owned.own(self.scene_data.work_table(self.opaque_indices, ~self.culled))
         if self.storage is PointStorage.BUFFERED:
             self._hold()
 
@@ -233,6 +233,9 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
 
     def _fill(self, maps: DepthMaps, selected: range) -> None:
         self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
+        if self.has_cut_outs:
+            self.device.fill(maps.target.depth, 0)
+            self._rasterize_cut_outs(maps, selected)
         outputs = {"depth_maps": maps.texture, "views": self.views_table(selected), "view_count": len(selected)}
         if self.storage is PointStorage.BUFFERLESS:
             self._run_triangles(SPLAT_TRIANGLES, 0, self.work.group_count, **outputs)

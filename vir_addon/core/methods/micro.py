@@ -86,7 +86,7 @@ class MicroTriangleRasterization(ReplayMethod):
         self.capacity_limit = max(job.shared.budget_bytes // BYTES_PER_TRIANGLE, FIRST_CAPACITY)
 
     def _prepare(self) -> None:
-        self.work = self._owned.own(self.scene_data.work_table(self.fitted.caster_indices, ~self.culled))
+        self.work = self._owned.own(self.scene_data.work_table(self.opaque_indices, ~self.culled))
         self.counters = self._owned.own(self.device.create_texture(2, 1, TextureFormat.R32UI))
         self._hold()
 
@@ -113,7 +113,7 @@ class MicroTriangleRasterization(ReplayMethod):
     @property
     def _expected_triangle_count(self) -> int:
         """About half of a closed surface faces the light; two thirds leave room for one that leans towards it."""
-        casters = self.fitted.caster_indices
+        casters = self.opaque_indices
         counts = self.scene_data.triangle_counts[self.scene_data.snapshot.instances.mesh_index[casters]]
         return int(np.where(self.culled[casters], counts * 2 // 3 + 1, counts).sum())
 
@@ -182,8 +182,11 @@ class MicroTriangleRasterization(ReplayMethod):
         views = self.views_table(selected)
         batch = {"views": views, "view_count": len(selected), "face": self.face_table}
         # the rasterizer first: it knows only its own depths, while the kernel keeps the smaller one of what is there
+        if self._large or self.has_cut_outs:
+            self.device.fill(maps.target.depth, 0)
         if self._large:
             self._rasterize_large(maps, selected, views)
+        self._rasterize_cut_outs(maps, selected)
         for portion in self._gathered_portions():
             self.device.compute_kernel(RASTERIZE_SMALL_TRIANGLES, *self.flags).dispatch_linear(
                 portion.small_count,
@@ -207,7 +210,6 @@ class MicroTriangleRasterization(ReplayMethod):
 
     def _rasterize_large(self, maps: DepthMaps, selected: range, views: np.ndarray) -> None:
         kernel = self.device.raster_kernel(RASTERIZE_DEPTH, "PLACED", *self.projection_flags)
-        self.device.fill(maps.target.depth, 0)
         width, height = self.fitted.views.map_width_px, self.fitted.views.map_height_px
         for index, view in enumerate(selected):
             seen = np.zeros(len(self.culled), bool)

@@ -16,6 +16,7 @@ from ...device.interface import Device, TextureFormat
 from ...device.owned import Owned
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera, SceneSnapshot
+from .opacity_maps import OPACITY_DEFINES, OPACITY_TEXTURES, OPACITY_VARYINGS
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
 from .tiles import PROBES_FLAG, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, TileSplit, grid_shape
 
@@ -38,6 +39,22 @@ VISIBILITY = RasterDeclaration(
     output_name="visible",
     output_type="uvec2",
     defines=SCENE_DEFINES,
+)
+
+VISIBILITY_OF_CUT_OUTS = RasterDeclaration(
+    name="visibility_of_cut_outs",
+    text="rasterizes instance and triangle numbers of what has an opacity map",
+    vertex_source=VISIBILITY.vertex_source,
+    fragment_source=VISIBILITY.fragment_source,
+    textures={**VISIBILITY.textures, **OPACITY_TEXTURES},
+    constants={
+        **VISIBILITY.constants,
+        "rasterization": Constant("int", "its number, below 16: each has thresholds of its own"),
+    },
+    varyings={**VISIBILITY.varyings, **OPACITY_VARYINGS},
+    output_name=VISIBILITY.output_name,
+    output_type=VISIBILITY.output_type,
+    defines={**SCENE_DEFINES, **OPACITY_DEFINES},
 )
 
 SURFACE = ComputeDeclaration(
@@ -105,7 +122,9 @@ class EyePass:
         # an orthographic camera sees from infinitely far away, as far as culling can tell: everything is drawn
         eye_ws = snapshot.camera.world_from_view[None, :3, 3]
         culled = None if snapshot.camera.is_orthographic else cullable_instances(snapshot, bounds, eye_ws)
-        self.draws = scene_data.draws(np.flatnonzero(snapshot.instances.visible_to_camera), culled)
+        visible = snapshot.instances.visible_to_camera
+        self.draws = scene_data.draws(np.flatnonzero(visible & ~scene_data.cut_out), culled)
+        self.cut_out_draws = scene_data.draws(np.flatnonzero(visible & scene_data.cut_out))
         with Owned() as owned:
             self.visibility = owned.own(device.create_texture(*self._visibility_size, TextureFormat.RG32UI))
             self.depth = owned.own(device.create_texture(*self._visibility_size, TextureFormat.DEPTH32F))
@@ -129,8 +148,9 @@ class EyePass:
         what it has."""
         self._index = index
         if self.visibility_index[index] != self._current_visibility:
-            self._rasterize(self.base_offsets_px[self.visibility_index[index]] + 0.5 - 0.5 / self.samples_per_px)
             self._current_visibility = int(self.visibility_index[index])
+            base = self.base_offsets_px[self._current_visibility]
+            self._rasterize(base + 0.5 - 0.5 / self.samples_per_px, self._current_visibility)
         bindings = self._surface_bindings()
         self.tiles.walked.dispatch(self.surface, **bindings)
         self.tiles.probed.dispatch_probes(self.surface_probes, batch, **bindings)
@@ -166,7 +186,7 @@ class EyePass:
             "eye": self._eye_table(base + sample / self.samples_per_px),
         }
 
-    def _rasterize(self, shift_px: np.ndarray) -> None:
+    def _rasterize(self, shift_px: np.ndarray, visibility_number: int) -> None:
         """shift_px: (2,) from a pixel's centre to the middle between its samples"""
         width, height = self.size
         scale = np.eye(4)
@@ -176,13 +196,19 @@ class EyePass:
         projection = clip_from_view(self.camera, self.camera.clip_start_m, self.camera.clip_end_m)
         self.device.fill(self.visibility, 0)
         self.device.fill(self.depth, 0)
-        self.rasterize.draw(
-            self.target,
-            (0, 0, *self._visibility_size),
-            self.draws,
-            clip_from_world=scale @ projection @ np.linalg.inv(self.camera.world_from_view),
-            instances=self.scene_data.instances,
-        )
+        viewport = (0, 0, *self._visibility_size)
+        clip_from_world = scale @ projection @ np.linalg.inv(self.camera.world_from_view)
+        bindings = {"clip_from_world": clip_from_world, "instances": self.scene_data.instances}
+        self.rasterize.draw(self.target, viewport, self.draws, **bindings)
+        if self.scene_data.opacity_maps is not None:
+            self.device.raster_kernel(VISIBILITY_OF_CUT_OUTS).draw(
+                self.target,
+                viewport,
+                self.cut_out_draws,
+                **bindings,
+                **self.scene_data.opacity_maps.bindings,
+                rasterization=visibility_number,
+            )
 
     def _eye_table(self, offset_px: np.ndarray) -> np.ndarray:
         """(5, 4) rows of the table `eye`"""

@@ -15,6 +15,7 @@ from ...device.interface import Device, RenderTarget, Texture, TextureFormat
 from ...device.owned import Owned
 from ..scene import Light
 from ..views import FaceViews, light_axes
+from .opacity_maps import OPACITY_DEFINES, OPACITY_TEXTURES, OPACITY_VARYINGS
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, WORK_GROUP_SIZE
 from .tiles import PROBES_FLAG, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES
 
@@ -31,7 +32,8 @@ FACE_TABLE = Table(
 )
 VIEWS_TABLE = Table(
     2 * MAX_BATCH_VIEWS,
-    "two rows a view: centre (face space), -; window's place on the lattice, centre in the light's plane (suns: shear)",
+    "two rows a view: centre (face space), its number for opacity maps; "
+    "window's place on the lattice, centre in the light's plane (suns: shear)",
 )
 SAMPLES_TABLE = Table(MAX_BATCH_VIEWS, "light samples (light space; suns: unit directions of rays) and what each counts")
 VIEW_COUNT = Constant("int", "views in this batch")
@@ -54,6 +56,21 @@ RASTERIZE_DEPTH = RasterDeclaration(
     output_type="uint",
     flags={**ORTHOGRAPHIC_FLAG, "PLACED": "the vertices are in face space already"},
     defines=SCENE_DEFINES,
+)
+
+RASTERIZE_CUT_OUTS = RasterDeclaration(
+    name="depth_map_cut_outs",
+    text="rasterizes linear depth of what has an opacity map",
+    vertex_source=RASTERIZE_DEPTH.vertex_source,
+    fragment_source=RASTERIZE_DEPTH.fragment_source,
+    textures={**RASTERIZE_DEPTH.textures, **OPACITY_TEXTURES},
+    constants=RASTERIZE_DEPTH.constants,
+    tables=RASTERIZE_DEPTH.tables,
+    varyings=OPACITY_VARYINGS,
+    output_name=RASTERIZE_DEPTH.output_name,
+    output_type=RASTERIZE_DEPTH.output_type,
+    flags=ORTHOGRAPHIC_FLAG,
+    defines={**SCENE_DEFINES, **OPACITY_DEFINES},
 )
 
 FRONT_FACE = "all views lie in the plane that the face looks away from"
