@@ -1,6 +1,14 @@
-#include "lib/face.glsl"
+#include "lib/view.glsl"
+#ifdef CUT_OUT
+#include "lib/opacity.glsl"
+#endif
 
 void main() {
+#ifdef CUT_OUT
+    if (opacity_at(map_base, map_header, uv) <= opacity_threshold(uint(map_number), threshold_seed)) {
+        discard;
+    }
+#endif
 #ifdef ORTHOGRAPHIC
     depth_bits = floatBitsToUint(mix(near_m, far_m, gl_FragCoord.z));
 #else

@@ -3,8 +3,14 @@
 #ifndef PLACED
 #include "lib/place_vertex.glsl"
 #endif
+#ifdef CUT_OUT
+#include "lib/cut_out_vertex.glsl"
+#endif
 
 void main() {
+#ifdef CUT_OUT
+    place_in_opacity_map(first_instance + gl_InstanceID);
+#endif
 #ifdef PLACED
     vec3 p = position_os - view_center(view_index);
 #else

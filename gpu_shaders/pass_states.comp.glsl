@@ -1,8 +1,5 @@
-// What a pass has found of every pixel so far: always lit, never lit, always background, or something between.
-const uint STATE_MIXED = 1u;
-const uint STATE_LIT = 2u;
-const uint STATE_DARK = 4u;
-const uint STATE_BACKGROUND = 8u;
+// Tells pixels that are wholly lit, dark or background so far from the others.
+#include "lib/pass_states.glsl"
 
 // Between surfaces that meet or pass each other there may be a shadow thinner than a pixel, which few eye samples see.
 const float MIN_NORMALS_COSINE = 0.8;
@@ -29,8 +26,7 @@ void main() {
     if (surface_samples == 0.0) {
         state = STATE_BACKGROUND;
     } else if (surface_samples == float(batch_count) && continues_to(pixel, pixel + ivec2(1, 0)) && continues_to(pixel, pixel + ivec2(0, 1))) {
-        // the two sums of a lit pixel have the same terms, but not always in the same order
-        state = sums.x == 0.0 ? STATE_DARK : (sums.x >= sums.y * (1.0 - 1.0e-6) ? STATE_LIT : STATE_MIXED);
+        state = sums.x == 0.0 ? STATE_DARK : (wholly_lit(sums) ? STATE_LIT : STATE_MIXED);
     }
     imageStore(states, pixel, uvec4(state));
 }

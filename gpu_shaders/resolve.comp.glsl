@@ -5,6 +5,8 @@
 #include "lib/tiles.glsl"
 #include "lib/octahedral.glsl"
 #include "lib/view.glsl"
+#include "lib/cube_faces.glsl"
+#include "lib/pass_states.glsl"
 
 #define light_axis_fs (face[5].xyz)
 #define tan_half_spread (face[5].w)
@@ -234,19 +236,12 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs) {
     rise = mix(vec2(0.0), rise, lessThan(abs(away - own.depth), vec2(contact)));
     bool seen = own.height <= dot(abs(own.offset), rise);
 #ifdef POINT_MAPS
-    // only what comes down to the receiver between the texels touches it; other outlines are enlarged ones
-    seen = seen || (at_outline && own.height >= rise.x + rise.y);
+    // Only what comes down to the receiver between the texels touches it; other outlines are enlarged ones. It may come down in one
+    // direction and rise in the other: the lowest of the three neighbours tells.
+    vec2 descent = max(rise, vec2(0.0));
+    seen = seen || (at_outline && own.height >= descent.x + descent.y);
 #endif
     return seen;
-}
-
-// Which face of the light's cube a direction belongs to (light space: x, y in an area light's plane, z along its axis).
-int face_index(vec3 d) {
-    vec2 side = abs(d.xy);
-    if (abs(d.z) >= max(side.x, side.y)) {
-        return d.z > 0.0 ? 0 : 5;
-    }
-    return side.x >= side.y ? (d.x > 0.0 ? 1 : 2) : (d.y > 0.0 ? 3 : 4);
 }
 
 void main() {
@@ -259,14 +254,24 @@ void main() {
 #ifdef RECEIVER_LINKING
     surface = surface && texelFetch(receivers, linear_texel(int(position.w)), 0).x > 0.5;
 #endif
-    vec2 sums = first_face != 0 ? vec2(0.0) : imageLoad(batch_sums, pixel).xy;
+#ifdef PROBES
+    const int late_faces = 0;
+    const bool was_lit = false;
+    vec2 sums = vec2(0.0);
+#else
+    int turn = int(own_tile().z);
+    // of a tile that is looked up again from this face on: what the batch's faces before it found goes on as it was
+    int late_faces = turn & LATE_FACES;
+    bool was_lit = imageLoad(moments, pixel).x > 0.0;
+    vec2 sums = (turn & FIRST_FACE) != 0 ? vec2(0.0) : imageLoad(batch_sums, pixel).xy;
+#endif
     if (surface && view_count > 0) {
         vec4 normal = texelFetch(normals, pixel, 0);
         vec3 p_fs = face_position(position.xyz);
         vec3 normal_fs = face_direction(normal.xyz);
         vec3 shading_fs = face_direction(unpack_direction(normal.w));
 #ifdef MANY_FACES
-        vec3 p_ls = vec3(dot(face[8], vec4(position.xyz, 1.0)), dot(face[9], vec4(position.xyz, 1.0)), dot(face[10], vec4(position.xyz, 1.0)));
+        vec3 p_ls = light_position(position.xyz);
 #endif
 #ifdef OMNI
         set_place(p_fs);
@@ -285,17 +290,19 @@ void main() {
 #endif
 #ifdef MANY_FACES
             int belongs_to = face_index(p_ls - samples[k].xyz);
-            if ((face_mask & (1 << belongs_to)) == 0) {
+            if (((face_mask | late_faces) & (1 << belongs_to)) == 0) {
                 continue;
             }
             bool in_map = belongs_to == map_face;
+            bool is_late = (late_faces & (1 << belongs_to)) != 0;
 #else
             const bool in_map = true;
+            const bool is_late = false;
 #endif
             float weight = delivered(k, p, shading_fs);
             if (weight > 0.0) {
                 // faces without casters have no map and are looked up together with the first that has one
-                int found = in_map ? sight(k, p, normal_fs) : int(facing_of(k, p, normal_fs) >= 0.0);
+                int found = in_map ? sight(k, p, normal_fs) : int(is_late ? !was_lit : facing_of(k, p, normal_fs) >= 0.0);
                 sums += weight * vec2(found == SEEN ? 1.0 : 0.0, 1.0);
                 undecided |= found == UNDECIDED ? 1u << uint(k) : 0u;
             }
@@ -310,12 +317,24 @@ void main() {
             } while (undecided != 0u);
         }
     }
-    if (last_face == 0) {
+#ifdef PROBES
+    vec4 tile = own_tile();
+    uint state = uint(tile.z);
+    bool is_lit = state == STATE_LIT && wholly_lit(sums);
+    bool is_dark = state == STATE_DARK && sums.x == 0.0;
+    if (surface ? !is_lit && !is_dark : state != STATE_BACKGROUND) {
+        imageStore(disagreeing, ivec2(tile.xy), uvec4(1u));
+    }
+#else
+    if ((turn & LAST_FACE) == 0) {
         imageStore(batch_sums, pixel, vec4(sums, 0.0, 0.0));
         return;
     }
-    if (surface) {
-        imageStore(moments, pixel, imageLoad(moments, pixel) + vec4(sums, sums.x * sums.x, sums.x * sums.y));
-        imageStore(coverage, pixel, imageLoad(coverage, pixel) + vec4(sums.y * sums.y, 1.0, 0.0, 0.0));
+    // batches that the tile was left out of count as those before them
+    float repeats = own_tile().w;
+    if (surface || repeats != 1.0) {
+        imageStore(moments, pixel, repeats * imageLoad(moments, pixel) + vec4(sums, sums.x * sums.x, sums.x * sums.y));
+        imageStore(coverage, pixel, repeats * imageLoad(coverage, pixel) + vec4(sums.y * sums.y, surface ? 1.0 : 0.0, 0.0, 0.0));
     }
+#endif
 }

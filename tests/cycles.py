@@ -18,7 +18,8 @@ DELIVERED_FLOOR = 0.01
 def prepare(scene: bpy.types.Scene, resolution: tuple[int, int]) -> None:
     """White diffuse everywhere, no world, no bounces, no denoising, no adaptive sampling; the scene's own pixel filter."""
     white = bpy.data.materials.new("white")
-    white.use_nodes = True
+    if bpy.app.version < (5, 0):  # later ones always have nodes, and warn
+        white.use_nodes = True
     nodes = white.node_tree.nodes
     nodes.clear()
     diffuse, output = nodes.new("ShaderNodeBsdfDiffuse"), nodes.new("ShaderNodeOutputMaterial")

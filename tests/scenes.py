@@ -12,14 +12,17 @@ import numpy as np
 from vir_addon.core.pass_set import shadow_pass_name
 from vir_addon.core.plan import plan
 from vir_addon.core.render import Renderer, render
-from vir_addon.core.scene import Camera, FilterShape, Instances, Light, LightShape, Mesh, PixelFilter, SceneSnapshot
+from vir_addon.core.scene import Camera, FilterShape, Instances, Light, LightShape, Mesh, OpacityMap, PixelFilter, SceneSnapshot
 from vir_addon.core.settings import Method, Settings
 from vir_addon.device.interface import Device
 
 CENTRES_ONLY = PixelFilter(FilterShape.BOX, 0.0)
 """every eye sample at the pixel's centre: what a float64 computation can repeat exactly"""
-METHODS = (Method.MVR, Method.IVIR, Method.MICRO, Method.HYBRID)
-"""those that promise the rasterizer's picture, of all kinds of light and on both devices"""
+METHODS = (Method.MVR, Method.IVIR, Method.MICRO)
+"""what `auto` chooses from"""
+METHODS_AND_HYBRID = (*METHODS, Method.HYBRID)
+"""those that promise the rasterizer's picture, of all kinds of light and on both devices; where it matters that a map has points and
+rasterized triangles, or who releases both"""
 
 
 # shapes
@@ -88,6 +91,13 @@ def leaves(name: str, centre: Sequence[float], extent_m: float, leaf_count: int,
     across *= 0.3 * size_m / np.linalg.norm(across, axis=1, keepdims=True)
     positions = np.stack([middle - along, middle + along, middle + across], axis=1).reshape(-1, 3)
     return Mesh(name, positions.astype(np.float32), np.arange(3 * leaf_count, dtype=np.int32).reshape(-1, 3))
+
+
+def with_opacity(mesh: Mesh, texels: np.ndarray, uvs: Sequence[Sequence[float]], **fields: Any) -> Mesh:
+    """texels: (height, width) opacities from 0 to 1, row 0 at the bottom"""
+    opacity = np.linspace(0, 1, 256, dtype=np.float32)
+    opacity_map = OpacityMap("material", np.round(np.asarray(texels) * 255).astype(np.uint8), **{"opacity": opacity, **fields})
+    return dataclasses.replace(mesh, opacity_map=opacity_map, uvs=np.array(uvs, np.float32), is_closed=False)
 
 
 # placing

@@ -79,7 +79,7 @@ def variants(view_count: int, resolution_px: int) -> list[Variant]:
         density, culling = "watertight" if is_watertight else "published", "culling" if is_culled else "no culling"
         name = f"ivir {points.value}, {density}, {culling}"
         found.append(variant(name, Method.IVIR, points, watertight=is_watertight, stochastic_culling=is_culled))
-    found.append(variant("ivir buffered, watertight, culling, hidden kept", Method.IVIR, PointStorage.BUFFERED, cull_hidden_points=False))
+    found.append(variant("ivir buffered, watertight, culling, hidden kept", Method.IVIR, PointStorage.BUFFERED, cull_hidden=False))
     return found
 
 

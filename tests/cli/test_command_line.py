@@ -111,6 +111,43 @@ def test_doctor():
     assert done.returncode == 0
     for word in ("bpy", "moderngl", "textures up to", "shaders"):
         assert word in done.stdout
+    # nothing is wrong, so nothing may look like it: not what Blender prints while it looks for a version of OpenGL either
+    assert not done.stderr
+
+
+NO_DRIVER = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/dev/null", "EGL_PLATFORM": "surfaceless"}
+"""an empty list of vendors for EGL"""
+
+
+def test_doctor_without_a_driver():
+    """Blender itself would end the process."""
+    done = vir("doctor", environment=NO_DRIVER)
+    assert done.returncode == 4, (done.stdout, done.stderr)
+    assert "device moderngl: not usable" in done.stdout and "device gpu: not usable" in done.stdout
+    assert "no device is usable" in done.stderr and "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="has no GPU in background")
+def test_what_the_driver_says_is_passed_on():
+    """Only the refusals of a search that ends well are left out."""
+    script = """if True:
+        import os, bpy, gpu
+        from vir_addon.device import blender_gpu_device
+        class Driver:
+            @staticmethod
+            def init():
+                os.write(2, b"MESA: warning: something\\n")
+                gpu.init()
+        blender_gpu_device._initialize(Driver)
+        def fail():
+            os.write(2, b"EGL Error (0x3009): EGL_BAD_MATCH: no version\\n")
+            raise SystemError("none")
+        Driver.init = fail
+        blender_gpu_device._initialize(Driver)
+    """
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+    assert done.stderr.splitlines()[:2] == ["MESA: warning: something", "EGL Error (0x3009): EGL_BAD_MATCH: no version"]
+    assert "Blender found no usable GPU (none)" in done.stderr
 
 
 def test_exit_statuses(blend, folder):
@@ -122,9 +159,14 @@ def test_exit_statuses(blend, folder):
     cases = [
         (2, "no light named 'Sun'", ("render", blend, "--output", folder / "x", "--lights", "Sun")),
         (2, "is none of auto, mvr, ivir", ("render", blend, "--output", folder / "x", "--method", "magic")),
-        (2, "use --points buffered, or --method ivir", ("plan", blend, "--method", "vir", "--points", "bufferless")),
+        (
+            2,
+            "which compares neighbours in their buffer",
+            ("plan", blend, "--method", "vir", "--points", "bufferless"),
+        ),
         (2, "required", ("render", blend)),
         (2, "views must be", ("plan", blend, "--views", "0")),
+        (2, "choose the method ivir", ("plan", blend, "--method", "micro", "--points", "bufferless")),
         (3, "is not there", ("render", folder / "missing.blend", "--output", folder / "x")),
         (3, "not a .blend", ("plan", broken)),
         (3, "camera", ("plan", no_camera)),
@@ -140,12 +182,36 @@ def test_exit_statuses(blend, folder):
 
 
 def test_no_usable_device(blend, folder):
-    """EGL finds no driver: an empty list of vendors."""
-    hidden = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/dev/null", "EGL_PLATFORM": "surfaceless"}
-    done = vir("render", blend, "--output", folder / "y", *SIZE, environment=hidden)
+    done = vir("render", blend, "--output", folder / "y", *SIZE, environment=NO_DRIVER)
     assert done.returncode == 4, (done.stdout, done.stderr)
     assert "install" in done.stderr and "Traceback" not in done.stderr
     assert not list(folder.glob("y/*"))
+
+
+def test_a_log_has_a_line_for_each_step(blend, folder):
+    done = vir("render", blend, "--output", folder / "log", *SIZE)
+    steps = [line for line in done.stdout.splitlines() if line.startswith("frame 1")]
+    layers = ("ViewLayer", "Second.Layer")
+    reading = [f"frame 1: {what} {layer}" for layer in layers for what in ("evaluating", "reading")]
+    assert steps[:4] == reading
+    assert steps[4::2] == [f"frame 1 {layer}: preparing 1 light" for layer in layers]
+    assert all(line.startswith(f"frame 1 {layer}: 8/8 views, error") for line, layer in zip(steps[5::2], layers, strict=True))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no SIGINT for other processes")
+@pytest.mark.parametrize("step", ["Read blend", "evaluating", "preparing"])
+def test_ctrl_c_before_the_first_picture(blend, folder, step):
+    output = folder / f"stopped while {step}"
+    command = [sys.executable, "-u", "-m", "vir_addon", "render", str(blend), "--output", str(output)]
+    endless = ["--views", "4096", "--map-resolution", "4096"]
+    with subprocess.Popen([*command, *endless], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        while step not in (line := process.stdout.readline()):
+            assert line, process.communicate()
+        process.send_signal(signal.SIGINT)
+        printed, errors = process.communicate(timeout=TIMEOUT_S)
+    assert process.returncode == 130, errors
+    assert errors == "vir: stopped; files that were written are whole\n"
+    assert "wrote" not in printed and not list(output.glob("*"))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no SIGINT for other processes")

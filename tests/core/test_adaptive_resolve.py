@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tests.core.test_micro_triangles import scene_named
-from tests.scenes import area_light, box, floor, perspective_camera, prepared_renderer, render_passes, rmse, snapshot
+from tests.scenes import area_light, box, floor, perspective_camera, point_light, render_passes, rmse, snapshot
+from vir_addon.core.passes.tiles import PROBE_COUNT, PROBE_STEP_PX, probe_px
 from vir_addon.core.plan import plan
 from vir_addon.core.render import render
 from vir_addon.core.scene import PixelFilter
@@ -69,9 +70,65 @@ def test_hard_shadows_keep_their_antialiased_edges(device):
     np.testing.assert_allclose(adaptive[name], full[name], atol=1e-6)
 
 
-def test_it_is_off_unless_asked_for(device):
-    """Behind a table, where 3 of 64 samples of a window reach, the first 16 may all be dark."""
+def plate_with_hole(height_m, hole_m):
+    """Four boxes around a square hole. It shows every place below it a small part of a light above, of which few samples are in."""
+    half_m = 2.0
+    wide_m = (half_m + hole_m / 2) / 2
+    aside_m = hole_m / 2 + wide_m
+    turns = [(1, 0), (0, 1), (-1, 0), (0, -1)]
+    return [
+        box(
+            f"plate {number}",
+            (x * aside_m + y * (wide_m - hole_m / 2), y * aside_m - x * (wide_m - hole_m / 2), height_m),
+            (wide_m, wide_m, 0.02),
+        )
+        for number, (x, y) in enumerate(turns)
+    ]
+
+
+def under_a_hole(light, height_m, hole_m):
+    camera = perspective_camera((0.0, -1.5, 0.6), (0.0, 0.0, 0.0), 160, 96)
+    return snapshot([floor(4.0), *plate_with_hole(height_m, hole_m)], [light], camera, 160, 96)
+
+
+LIGHTS_OVER_HOLES = {
+    "area": (area_light(eye=(0.0, 0.0, 4.0), target=(0.0, 0.0, 0.0), size_m=(2.0, 2.0)), 1.0, 1),
+    # between walls a lamp has a map on every side
+    "lamp": (point_light(eye=(0.0, 0.0, 2.0), radius_m=0.8), 0.7, 2),
+}
+
+
+@pytest.mark.parametrize("name", LIGHTS_OVER_HOLES)
+def test_what_only_few_samples_see_is_found_again(device, name):
+    light, height_m, least_face_count = LIGHTS_OVER_HOLES[name]
+    scene = under_a_hole(light, height_m, hole_m=0.06)
+    arguments = {"view_count": 64, "map_resolution_px": 1024}
+    adaptive, full = both(scene, device, **arguments)
+    dim = (full["VIR Shadow"] > 0) & (full["VIR Shadow"] < 0.1)
+    error = rmse(adaptive["VIR Shadow"], full["VIR Shadow"])
+    shares = []
+    for progress in render(scene, plan(scene, Settings(resolve=Resolve.ADAPTIVE, **arguments)), device):
+        (made,) = progress.statistics.passes
+        shares.append(made.settled_share)
+    print(f"{name}: RMSE {error:.5f}, dim {dim.mean():.3f}, faces {made.face_count}, settled after each batch {shares}")
+    assert dim.mean() > 0.02
+    assert made.face_count >= least_face_count
+    assert max(shares) > shares[-1]
+    assert error <= 0.002
+
+
+def test_it_is_on_unless_turned_off(device):
     scene = scene_named("sphere")
-    assert settled_shares(scene, device) == settled_shares(scene, device, resolve=Resolve.FULL) == [0.0]
-    with prepared_renderer(scene, device) as renderer:
-        assert renderer.works[0].accumulator.settled_batch_count == 0
+    assert settled_shares(scene, device) == settled_shares(scene, device, resolve=Resolve.ADAPTIVE)
+    assert settled_shares(scene, device, resolve=Resolve.FULL) == [0.0]
+
+
+def test_probes_reach_every_pixel():
+    shape = (16, 24)
+    counts = np.zeros(shape, int)
+    for batch in range(PROBE_COUNT):
+        x, y = probe_px(batch)
+        counts[y::PROBE_STEP_PX, x::PROBE_STEP_PX] += 1
+        # spread out in every prefix: no probe beside another before a quarter of them is through
+        assert counts[:4, :4].sum() == batch + 1
+    assert (counts == 1).all()

@@ -85,11 +85,11 @@ def test_lowest_bit_tells_points_from_rasterized_triangles(device):
 
 def test_portions_make_the_same_picture(device):
     scene = many_sizes_scene()
-    arguments = {"method": Method.HYBRID, "view_count": 16, "map_resolution_px": 512, "cull_hidden_points": False}
+    arguments = {"method": Method.HYBRID, "view_count": 16, "map_resolution_px": 512, "cull_hidden": False}
     whole = render_pass(scene, device, **arguments)
-    with prepared_renderer(scene, device, point_buffer_mib=1, **arguments) as renderer:
+    with prepared_renderer(scene, device, replay_buffer_mib=1, **arguments) as renderer:
         assert renderer.works[0].statistics.portion_count > 1
-    np.testing.assert_array_equal(render_pass(scene, device, point_buffer_mib=1, **arguments), whole)
+    np.testing.assert_array_equal(render_pass(scene, device, replay_buffer_mib=1, **arguments), whole)
     np.testing.assert_array_equal(render_pass(scene, device, points=PointStorage.BUFFERLESS, **arguments), whole)
 
 

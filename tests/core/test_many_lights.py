@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.scenes import (
-    METHODS,
+    METHODS_AND_HYBRID,
     area_light,
     bumpy_sphere,
     floor,
@@ -73,9 +73,9 @@ def peak_bytes(device, monkeypatch, light_count, **settings):
     return peak
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", METHODS_AND_HYBRID)
 def test_forty_lights_take_little_more_memory_than_eight(device, monkeypatch, method):
-    arguments = {"method": method, "view_count": 16, "map_resolution_px": 128, "point_buffer_mib": 16}
+    arguments = {"method": method, "view_count": 16, "map_resolution_px": 128, "replay_buffer_mib": 16}
     few, many = (peak_bytes(device, monkeypatch, count, **arguments) for count in (8, 40))
     per_light = 32 * WIDTH * HEIGHT
     # sums of each pixel, a table of work groups for each face
@@ -85,7 +85,7 @@ def test_forty_lights_take_little_more_memory_than_eight(device, monkeypatch, me
 
 def test_points_made_again_are_the_same(device):
     scene = scene_with(list(ring_of_lights(8)))
-    arguments = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": 128, "cull_hidden_points": False}
-    kept, again = (render_passes(scene, device, point_buffer_mib=mib, **arguments) for mib in (256, 5))
+    arguments = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": 128, "cull_hidden": False}
+    kept, again = (render_passes(scene, device, replay_buffer_mib=mib, **arguments) for mib in (256, 5))
     for name, image in kept.items():
         np.testing.assert_array_equal(again[name], image)

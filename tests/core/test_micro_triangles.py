@@ -109,19 +109,19 @@ def test_portions_make_the_same_picture(device, name):
         meshes, light = leaves_scene()
         dense = bumpy_sphere("dense", (0.6, 0.4, 0.9), 0.5, 150)
         scene = snapshot([*meshes, dense], [light], scene.camera, WIDTH, HEIGHT)
-    arguments = {"method": Method.MICRO, "view_count": 16, "map_resolution_px": 512, "cull_hidden_points": False}
+    arguments = {"method": Method.MICRO, "view_count": 16, "map_resolution_px": 512, "cull_hidden": False}
     whole = render_pass(scene, device, **arguments)
-    with prepared_renderer(scene, device, point_buffer_mib=1, **arguments) as renderer:
+    with prepared_renderer(scene, device, replay_buffer_mib=1, **arguments) as renderer:
         work = renderer.works[0]
         assert work.statistics.portion_count > (1 if name == "leaves" else 0)
-    np.testing.assert_array_equal(render_pass(scene, device, point_buffer_mib=1, **arguments), whole)
+    np.testing.assert_array_equal(render_pass(scene, device, replay_buffer_mib=1, **arguments), whole)
 
 
 @pytest.mark.parametrize("name", ["sphere", "leaves", "low light"])
 def test_leaving_hidden_triangles_out_changes_little(device, name):
     scene = scene_named(name)
     arguments = {"method": Method.MICRO, "view_count": 64, "map_resolution_px": 512}
-    culled, everything = (render_pass(scene, device, cull_hidden_points=dropped, **arguments) for dropped in (True, False))
+    culled, everything = (render_pass(scene, device, cull_hidden=dropped, **arguments) for dropped in (True, False))
     assert rmse(culled, everything) <= 0.002
 
 

@@ -123,19 +123,19 @@ def test_every_view_of_a_batch_is_served(device):
 def test_portions_make_the_same_picture(device):
     """Also a single triangle that fills the buffer several times."""
     scene = made("room")
-    arguments = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": 512, "cull_hidden_points": False}
+    arguments = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": 512, "cull_hidden": False}
     whole = render_pass(scene, device, **arguments)
-    with prepared_renderer(scene, device, point_buffer_mib=1, **arguments) as renderer:
+    with prepared_renderer(scene, device, replay_buffer_mib=1, **arguments) as renderer:
         assert renderer.works[0].statistics.portion_count > 3
-    np.testing.assert_array_equal(render_pass(scene, device, point_buffer_mib=1, **arguments), whole)
+    np.testing.assert_array_equal(render_pass(scene, device, replay_buffer_mib=1, **arguments), whole)
     np.testing.assert_array_equal(render_pass(scene, device, points=PointStorage.BUFFERLESS, **arguments), whole)
 
 
 def test_many_small_triangles_in_portions_make_the_same_picture(device):
     scene = made("leaves")
-    arguments = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": 512, "cull_hidden_points": False}
+    arguments = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": 512, "cull_hidden": False}
     whole = render_pass(scene, device, **arguments)
-    np.testing.assert_array_equal(render_pass(scene, device, point_buffer_mib=1, **arguments), whole)
+    np.testing.assert_array_equal(render_pass(scene, device, replay_buffer_mib=1, **arguments), whole)
     np.testing.assert_array_equal(render_pass(scene, device, points=PointStorage.BUFFERLESS, **arguments), whole)
 
 
@@ -143,7 +143,7 @@ def test_many_small_triangles_in_portions_make_the_same_picture(device):
 def test_dropping_hidden_points_changes_little(device, name):
     scene = made(name)
     arguments = {"method": Method.IVIR, "view_count": 64, "map_resolution_px": 512}
-    kept, all_points = (render_pass(scene, device, cull_hidden_points=dropped, **arguments) for dropped in (True, False))
+    kept, all_points = (render_pass(scene, device, cull_hidden=dropped, **arguments) for dropped in (True, False))
     assert rmse(kept, all_points) <= 0.005
 
 

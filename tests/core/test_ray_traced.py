@@ -5,7 +5,7 @@ import pytest
 
 from tests.ray_tracing import bracket_pass
 from tests.scenes import (
-    METHODS,
+    METHODS_AND_HYBRID,
     area_light,
     box,
     bumpy_sphere,
@@ -76,7 +76,7 @@ SCENES = {
 QUICK = ("one face", "ellipse", "no size", "point", "spot", "cube of a point", "cube", "cube of a light at a wall")
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", METHODS_AND_HYBRID)
 @pytest.mark.parametrize("name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in SCENES])
 def test_pass_lies_within_a_texel_of_the_truth(device, name, method):
     scene = SCENES[name]()

@@ -10,6 +10,7 @@ from tests.scenes import METHODS, area_light, box, bumpy_sphere, floor, perspect
 from vir_addon.core.plan import plan
 from vir_addon.core.render import Renderer, render
 from vir_addon.core.settings import Method, Settings
+from vir_addon.core.stopwatch import StoppedError
 
 WIDTH, HEIGHT = 28, 16
 VIEWS, BATCHES = 32, 8
@@ -95,3 +96,27 @@ def test_passes_outlive_the_generator(device, batches):
     assert progress.pass_set.images.keys() == inside.keys()
     for name, image in progress.passes.items():
         np.testing.assert_array_equal(image, inside[name])
+
+
+def test_stages_are_told_as_they_begin(device):
+    scene, told = still_life(), []
+    for progress in render(scene, plan(scene, Settings(method=Method.MICRO, view_count=8)), device, lambda *stage: told.append(stage)):
+        if progress.batches_done == 1:
+            assert told[:3] == [("upload", None), ("eye G-buffer", None), ("read-back", None)]
+            assert told[3:] == [("points", "Key")] * 2 + [("splat or raster", "Key"), ("resolve", "Key")]
+    assert set(progress.statistics.stage_ms) | set(progress.statistics.passes[0].stage_ms) == {name for name, _ in told} | {"extract"}
+
+
+def test_no_stage_begins_once_nobody_waits(device):
+    """What closing does to a device's thread that is still at work when Ctrl-C has ended the wait."""
+    scene, told = still_life(), []
+
+    def stop_at_points(name, light_name):
+        told.append(name)
+        if name == "points":
+            renderer.stopwatch.stop()
+
+    with contextlib.closing(Renderer(scene, plan(scene, Settings(view_count=8)), device, stop_at_points)) as renderer:
+        with pytest.raises(StoppedError):
+            device.run(renderer.prepare)
+        assert told == ["upload", "eye G-buffer", "read-back", "points"]

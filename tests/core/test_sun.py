@@ -120,7 +120,7 @@ def test_where_the_sun_stands_does_not_matter(device, method):
 
 def test_points_as_they_come_make_the_same_picture(device):
     scene = still_life(sun_light(eye=(3.0, -4.0, 5.0)))
-    arguments = {"method": Method.IVIR, "view_count": 8, "map_resolution_px": 256, "cull_hidden_points": False}
+    arguments = {"method": Method.IVIR, "view_count": 8, "map_resolution_px": 256, "cull_hidden": False}
     np.testing.assert_array_equal(
         render_pass(scene, device, **arguments), render_pass(scene, device, points=PointStorage.BUFFERLESS, **arguments)
     )

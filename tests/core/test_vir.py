@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.core.test_point_coverage import first_maps, made
-from tests.scenes import area_light, box, floor, perspective_camera, prepared_renderer, render_pass, rmse, snapshot, sun_light
+from tests.scenes import box, floor, perspective_camera, prepared_renderer, render_pass, rmse, snapshot, sun_light
 from vir_addon.core.errors import UsageError
 from vir_addon.core.plan import plan
 from vir_addon.core.settings import Method, PointStorage, Settings
@@ -64,5 +64,5 @@ def lit_by(light):
 def test_what_it_cannot_do_is_refused_with_what_can():
     with pytest.raises(UsageError, match=r"parallel.*--method ivir"):
         plan(lit_by(sun_light()), Settings(method=Method.VIR))
-    with pytest.raises(UsageError, match=r"bufferless.*--points buffered"):
-        plan(lit_by(area_light()), Settings(method=Method.VIR, points=PointStorage.BUFFERLESS))
+    with pytest.raises(UsageError, match=r"vir, which compares neighbours.*ivir"):
+        Settings(method=Method.VIR, points=PointStorage.BUFFERLESS)

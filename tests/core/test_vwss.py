@@ -98,14 +98,14 @@ def test_passes_agree_with_multiview_rasterization(device, name, error):
         {"views_per_thread": 1},
         {"views_per_thread": 3},
         {"points": PointStorage.BUFFERLESS, "views_per_thread": 3},
-        {"point_buffer_mib": 1},
+        {"replay_buffer_mib": 1},
     ],
 )
 def test_every_way_makes_the_same_picture(device, other):
     scene = made("room")
     arguments = {"method": Method.VWSS, "view_count": 16, "map_resolution_px": 256}
     with prepared_renderer(scene, device, **arguments, **other) as renderer:
-        assert (renderer.works[0].statistics.portion_count > 1) == ("point_buffer_mib" in other)
+        assert (renderer.works[0].statistics.portion_count > 1) == ("replay_buffer_mib" in other)
     images = [render_pass(scene, device, **arguments, **settings) for settings in ({}, other)]
     # a kernel and a fragment's shader may round differently
     assert rmse(*images) <= 1e-4

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import sys
 import threading
@@ -12,7 +13,6 @@ import pytest
 from tests.device.kernels import ADD_COUNTS, ATOMIC_MIN, COPY_FLOATS, ECHO, INVOCATION_NUMBERS, NUMBER_TRIANGLES, REFUSED
 from vir_addon.core.errors import DeviceError, UsageError
 from vir_addon.device import open as device_opening
-from vir_addon.device.fill import FILL
 from vir_addon.device.interface import EMPTY_DEPTH_BITS, LINEAR_TEXTURE_WIDTH, MAX_GROUPS_PER_ROW, Draw, TextureFormat
 
 LARGEST_UNSIGNED = 0xFFFFFFFF
@@ -298,7 +298,9 @@ def test_a_mesh_is_drawn_by_two_kernels_and_released(device, canvas):
     depth = device.create_texture(8, 8, TextureFormat.DEPTH32F)
     device.fill(color, 3)
     device.fill(depth, 0)
-    device.raster_kernel(FILL).draw(device.create_target(color, depth), (0, 0, 8, 8), [Draw(triangle, 1, {})], value=4)
+    other = device.raster_kernel(dataclasses.replace(NUMBER_TRIANGLES, name="number_triangles_again"))
+    draws = [Draw(triangle, 1, {"first_instance": 0})]
+    other.draw(device.create_target(color, depth), (0, 0, 8, 8), draws, clip_from_object=IDENTITY, offsets=np.zeros((4, 4)))
     device.finish()
     triangle.release()
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.device.kernels import ATOMIC_MIN
-from tests.scenes import METHODS, point_light, render_pass, spot_light, sun_light
+from tests.scenes import METHODS_AND_HYBRID, point_light, render_pass, spot_light, sun_light
 from vir_addon.core.bounds import compute_bounds, cullable_instances
 from vir_addon.core.errors import UsageError
 from vir_addon.core.fit import fit_light, light_hull, select_receivers
@@ -93,7 +93,7 @@ class Renderer:
         self.scene_data = SceneData(snapshot, device)
         self.bounds = compute_bounds(snapshot)
         self.eye = EyePass(snapshot, self.scene_data, device, self.bounds, np.array([[0.125, -0.25]]))
-        self.eye.render(0)
+        self.eye.render(0, batch=0)
         self.positions, self.normals = device.read(self.eye.positions), device.read(self.eye.normals)
         self.samples = light_samples(self.light, VIEW_COUNT)
 
@@ -270,7 +270,7 @@ LAMPS = {
 }
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", METHODS_AND_HYBRID)
 @pytest.mark.parametrize("name", LAMPS)
 def test_passes_of_lamps_agree(snapshot, both, name, method):
     scene = dataclasses.replace(snapshot, lights=(LAMPS[name],), width_px=96, height_px=54)

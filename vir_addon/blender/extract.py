@@ -18,6 +18,7 @@ from .extract_camera import extract_camera, extract_picture, extract_pixel_filte
 from .extract_instances import ObjectTable, PlacedInstances, SurfaceRows
 from .extract_lights import LightRow, name_lights, place_light, read_light
 from .light_linking import read_linking
+from .material_opacity import MaterialReader
 from .render_depsgraph import engine_of
 
 _UNRENDERABLE = {
@@ -56,7 +57,7 @@ def snapshot(depsgraph: bpy.types.Depsgraph, *, resolution: tuple[int, int] | No
         pixel_filter=extract_pixel_filter(scene, engine_of(depsgraph.scene)),
         world_origin_m=placed.world_origin_m,
         left_out=_sorted_left_out([*left_out, *placed.left_out, *unplaced]),
-        notes=tuple(_notes(depsgraph, placed)),
+        notes=tuple(_notes(depsgraph, placed) + sorted(surfaces.materials.notes)),
         extract_ms=1e3 * (time.perf_counter() - start_s),
     )
 
@@ -66,7 +67,8 @@ def _walk(depsgraph: bpy.types.Depsgraph) -> tuple[SurfaceRows, list[LightRow], 
     is_viewport = depsgraph.mode == "VIEWPORT"
     hidden_uids = _not_in_rendered_collections(depsgraph.view_layer) if is_viewport else frozenset()
     objects = ObjectTable(depsgraph.view_layer_eval, hidden_uids)
-    surfaces = SurfaceRows(objects, is_viewport=is_viewport)
+    materials = MaterialReader(engine_of(depsgraph.scene), depsgraph.view_layer_eval.material_override)
+    surfaces = SurfaceRows(objects, materials, is_viewport=is_viewport)
     light_rows: list[LightRow] = []
     left_out: list[LeftOut] = []
     uses_portals = engine_of(depsgraph.scene) == "CYCLES"
@@ -95,7 +97,7 @@ def _walk(depsgraph: bpy.types.Depsgraph) -> tuple[SurfaceRows, list[LightRow], 
             left_out.append(LeftOut(shown.name, "light portals give no light of their own"))
         else:
             light_rows.append(read_light(item))
-    return surfaces, light_rows, left_out
+    return surfaces, light_rows, left_out + materials.left_out
 
 
 def _hair(shown: bpy.types.Object) -> list[LeftOut]:

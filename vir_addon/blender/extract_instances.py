@@ -16,6 +16,8 @@ import numpy as np
 
 from ..core.scene import Instances, LeftOut, Mesh
 from .extract_mesh import extract_mesh
+from .material_opacity import MaterialOpacity, MaterialReader
+from .mesh_parts import MeshPart, split_mesh
 
 PERSISTENT_ID_LENGTH = 8
 _NO_MATRIX_BUFFER = bpy.app.version < (5, 0, 0)
@@ -94,58 +96,87 @@ class PlacedInstances:
     holdout_names: list[str]
 
 
+@dataclass(frozen=True)
+class _PlacedPart:
+    """One mesh of an object's, and what instances of it do."""
+
+    mesh_index: int
+    is_visible: bool
+    casts: bool
+
+
 @dataclass
 class SurfaceRows:
     """Grows by one row for every mesh that the iterator shows."""
 
     objects: ObjectTable
+    materials: MaterialReader
     is_viewport: bool = False
     """a viewport depsgraph: meshes subdivided on the GPU are complete only through `to_mesh`"""
-    meshes: list[Mesh | None] = field(default_factory=list)
+    meshes: list[Mesh] = field(default_factory=list)
     left_out: list[LeftOut] = field(default_factory=list)
-    _mesh_of_address: dict[int, int] = field(default_factory=dict)
+    _parts_of_object: dict[tuple[int, int], list[_PlacedPart]] = field(default_factory=dict)
+    _parts_of_mesh: dict[tuple[int, tuple[MaterialOpacity | None, ...]], list[_PlacedPart]] = field(default_factory=dict)
     _mesh_index: array.array = field(default_factory=lambda: array.array("i"))
     _object_row: array.array = field(default_factory=lambda: array.array("i"))
     _instancer_row: array.array = field(default_factory=lambda: array.array("i"))
     _persistent_ids: array.array = field(default_factory=lambda: array.array("i"))
     _matrices: array.array = field(default_factory=lambda: array.array("f"))
+    _is_visible: array.array = field(default_factory=lambda: array.array("b"))
+    _casts: array.array = field(default_factory=lambda: array.array("b"))
 
     def add(self, item: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object, object_row: int, instancer_row: int) -> None:
         """shown: `item.object`, of type MESH. Rows into `objects`."""
-        mesh_index = self._mesh_index_of(shown)
-        if self.meshes[mesh_index] is None:
-            return
-        self._mesh_index.append(mesh_index)
-        self._object_row.append(object_row)
-        self._instancer_row.append(instancer_row)
-        if item.is_instance:
-            self._persistent_ids.extend(item.persistent_id)
-        else:
-            self._persistent_ids.extend(_NO_PERSISTENT_ID)
-        world_from_object = item.matrix_world
-        if _NO_MATRIX_BUFFER:
-            for row in world_from_object:
-                self._matrices.extend(row)
-        else:
-            self._matrices.frombytes(memoryview(world_from_object).tobytes())
-
-    def _mesh_index_of(self, shown: bpy.types.Object) -> int:
-        """Objects with the same evaluated data, which is what Blender gives duplicates and instances, share one mesh."""
-        address = shown.data.as_pointer()
-        index = self._mesh_of_address.get(address)
-        if index is None:
-            index = self._mesh_of_address[address] = len(self.meshes)
-            # in edit mode the evaluated data is a wrapper without polygons, in a render's depsgraph too
-            if shown.mode == "EDIT" or (self.is_viewport and shown.modifiers and shown.modifiers[-1].type == "SUBSURF"):
-                extracted = extract_mesh(shown.to_mesh(), shown.data.name)
-                shown.to_mesh_clear()
+        for part in self._parts_of(shown, object_row):
+            self._mesh_index.append(part.mesh_index)
+            self._is_visible.append(part.is_visible)
+            self._casts.append(part.casts)
+            self._object_row.append(object_row)
+            self._instancer_row.append(instancer_row)
+            if item.is_instance:
+                self._persistent_ids.extend(item.persistent_id)
             else:
-                extracted = extract_mesh(shown.data, shown.data.name)
-            self.meshes.append(extracted.mesh)
-            if extracted.dropped_vertex_count:
-                reason = "has vertices whose coordinates are not finite numbers (or beyond 1e15); the triangles at them are missing"
-                self.left_out.append(LeftOut(shown.name, reason, extracted.dropped_vertex_count))
-        return index
+                self._persistent_ids.extend(_NO_PERSISTENT_ID)
+            world_from_object = item.matrix_world
+            if _NO_MATRIX_BUFFER:
+                for row in world_from_object:
+                    self._matrices.extend(row)
+            else:
+                self._matrices.frombytes(memoryview(world_from_object).tobytes())
+
+    def _parts_of(self, shown: bpy.types.Object, object_row: int) -> list[_PlacedPart]:
+        """Objects with the same evaluated data, which is what Blender gives duplicates and instances, share its meshes, unless they
+        give it materials of their own that make a difference."""
+        address = shown.data.as_pointer()
+        parts = self._parts_of_object.get((object_row, address))
+        if parts is None:
+            materials = self.materials.materials_of(shown)
+            parts = self._parts_of_mesh.get((address, materials))
+            if parts is None:
+                parts = self._parts_of_mesh[address, materials] = self._extract(shown, materials)
+            self._parts_of_object[object_row, address] = parts
+        return parts
+
+    def _extract(self, shown: bpy.types.Object, materials: tuple[MaterialOpacity | None, ...]) -> list[_PlacedPart]:
+        # in edit mode the evaluated data is a wrapper without polygons, in a render's depsgraph too
+        needs_mesh = shown.mode == "EDIT" or (self.is_viewport and shown.modifiers and shown.modifiers[-1].type == "SUBSURF")
+        data = shown.to_mesh() if needs_mesh else shown.data
+        extracted = extract_mesh(data, shown.data.name)
+        if extracted.dropped_vertex_count:
+            reason = "has vertices whose coordinates are not finite numbers (or beyond 1e15); the triangles at them are missing"
+            self.left_out.append(LeftOut(shown.name, reason, extracted.dropped_vertex_count))
+        if extracted.mesh is None:
+            parts = []
+        elif not materials:
+            parts = [MeshPart(extracted.mesh)]
+        else:
+            parts, missing = split_mesh(data, extracted, materials)
+            self.left_out += [LeftOut(shown.name, reason) for reason in missing]
+        if needs_mesh:
+            shown.to_mesh_clear()
+        first = len(self.meshes)
+        self.meshes += [part.mesh for part in parts]
+        return [_PlacedPart(first + k, part.is_visible, part.casts) for k, part in enumerate(parts)]
 
     def place(self) -> PlacedInstances:
         """Sort, so that neither the order in the file nor that of evaluation matters, and move to the origin."""
@@ -164,6 +195,7 @@ class SurfaceRows:
         world_origin_m = choose_world_origin(meshes, mesh_index, world_from_object)
         world_from_object[:, :3, 3] -= world_origin_m
 
+        is_visible, casts = (np.array(flags, dtype=bool) for flags in (self._is_visible, self._casts))
         facts = self.objects.rows
         object_names, object_index = _name_objects(facts, object_row, rank)
         uid = np.array([fact.uid for fact in facts], dtype=np.int64)
@@ -175,8 +207,8 @@ class SurfaceRows:
             world_from_object=world_from_object.astype(np.float32),
             object_index=object_index,
             object_names=object_names,
-            visible_to_camera=camera[object_row] & camera[instancer_row] & ~is_indirect_only[instancer_row],
-            casts_shadow=shadow[object_row] & shadow[instancer_row],
+            visible_to_camera=camera[object_row] & camera[instancer_row] & ~is_indirect_only[instancer_row] & is_visible[order],
+            casts_shadow=shadow[object_row] & shadow[instancer_row] & casts[order],
             stable_id=_stable_ids(facts, object_row, instancer_row, persistent_ids[order]),
         )
         return PlacedInstances(
@@ -214,14 +246,13 @@ def _unusable_matrices(object_row: np.ndarray, world_from_object: np.ndarray, ob
     return left_out
 
 
-def _in_order_of_use(meshes: list[Mesh | None], mesh_index: np.ndarray) -> tuple[tuple[Mesh, ...], np.ndarray]:
+def _in_order_of_use(meshes: list[Mesh], mesh_index: np.ndarray) -> tuple[tuple[Mesh, ...], np.ndarray]:
     """Only meshes that some instance shows, in the order of the instances; and the new (instance_count,) int32 index."""
     used, first_use = np.unique(mesh_index, return_index=True)
     used = used[np.argsort(first_use)]
     new_index = np.zeros(len(meshes), dtype=np.int32)
     new_index[used] = np.arange(len(used), dtype=np.int32)
-    in_order = (meshes[index] for index in used)
-    return tuple(mesh for mesh in in_order if mesh is not None), new_index[mesh_index]
+    return tuple(meshes[index] for index in used), new_index[mesh_index]
 
 
 def _name_objects(facts: list[ObjectFacts], object_row: np.ndarray, rank: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:

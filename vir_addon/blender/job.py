@@ -14,6 +14,7 @@ from ..core.plan import RenderPlan, plan
 from ..core.render import Progress, render
 from ..core.scene import SceneSnapshot
 from ..core.settings import Settings
+from ..core.stopwatch import OnStage
 from ..device.interface import Device
 from .extract import snapshot
 from .render_depsgraph import with_render_depsgraph
@@ -35,23 +36,46 @@ def rendered_view_layers(scene: bpy.types.Scene) -> list[bpy.types.ViewLayer]:
     return [layer for layer in scene.view_layers if layer.use] or [scene.view_layers[0]]
 
 
-def take_snapshot(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, resolution: tuple[int, int] | None = None) -> SceneSnapshot:
+OnStep = Callable[[str], None]
+"""called with what is being done, in words, when it begins"""
+
+
+def take_snapshot(
+    scene: bpy.types.Scene,
+    view_layer: bpy.types.ViewLayer,
+    resolution: tuple[int, int] | None = None,
+    on_step: OnStep | None = None,
+) -> SceneSnapshot:
     """The scene at its current frame as a render would see it."""
-    taken = with_render_depsgraph(scene, view_layer, lambda depsgraph: snapshot(depsgraph, resolution=resolution))
+
+    def read(depsgraph: bpy.types.Depsgraph) -> SceneSnapshot:
+        if on_step is not None:
+            on_step(f"reading {view_layer.name}")
+        return snapshot(depsgraph, resolution=resolution)
+
+    if on_step is not None:
+        on_step(f"evaluating {view_layer.name}")
+    taken = with_render_depsgraph(scene, view_layer, read)
     if not scene.render.use_multiview:
         return taken
     # said here, as the evaluation switches stereoscopy off meanwhile
     return replace(taken, notes=(*taken.notes, "Stereoscopy is on: the passes are those of the active camera only, not of either eye."))
 
 
-def frame_jobs(scene: bpy.types.Scene, frame: int, settings: Settings, resolution: tuple[int, int] | None = None) -> dict[str, LayerJob]:
+def frame_jobs(
+    scene: bpy.types.Scene,
+    frame: int,
+    settings: Settings,
+    resolution: tuple[int, int] | None = None,
+    on_step: OnStep | None = None,
+) -> dict[str, LayerJob]:
     """View layer name -> job, for one frame.
 
     Raises SceneError for a scene that has no surface in any frame. A frame, or a view layer, that shows none gets white passes: things
     are hidden and scaled to nothing by animation, and a layer of its own for smoke is common.
     """
     scene.frame_set(frame)
-    snapshots = {layer.name: take_snapshot(scene, layer, resolution) for layer in rendered_view_layers(scene)}
+    snapshots = {layer.name: take_snapshot(scene, layer, resolution, on_step) for layer in rendered_view_layers(scene)}
     if not any(len(taken.instances) for taken in snapshots.values()) and not _has_surface_objects(scene.objects):
         left_out = sorted({f"{item.object_name}: {item.reason}" for taken in snapshots.values() for item in taken.left_out})
         raise SceneError(
@@ -75,10 +99,10 @@ def _has_surface_objects(objects: Iterable[bpy.types.Object]) -> bool:
     return False
 
 
-def run(job: LayerJob, device: Device, on_progress: Callable[[Progress], None] | None = None) -> PassSet:
+def run(job: LayerJob, device: Device, on_progress: Callable[[Progress], None] | None = None, on_stage: OnStage | None = None) -> PassSet:
     """Render to the end. KeyboardInterrupt and errors leave nothing behind on the device."""
     progress = None
-    with contextlib.closing(render(job.snapshot, job.plan, device)) as steps:
+    with contextlib.closing(render(job.snapshot, job.plan, device, on_stage)) as steps:
         for progress in steps:
             if on_progress is not None:
                 on_progress(progress)

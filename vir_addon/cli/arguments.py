@@ -102,7 +102,7 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         type=partial(_parse_choice, PointStorage),
         default=defaults.points,
         metavar="buffered|bufferless",
-        help="whether ivir, hybrid and vwss keep their points between batches (default) or make them anew",
+        help="whether ivir, hybrid and vwss keep their points between batches (default) or make them anew; others have no choice",
     )
     parser.add_argument(
         "--views",
@@ -123,7 +123,7 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         type=partial(_parse_choice, Resolve),
         default=defaults.resolve,
         metavar="full|adaptive",
-        help="adaptive leaves pixels out that 16 samples find wholly lit or dark: faster, coarse in dim places; default: full",
+        help="adaptive only probes what 16 samples find wholly lit or dark: faster, error below 0.002; default: adaptive",
     )
     parser.add_argument("--resolution", type=parse_resolution, metavar="960x540", help="of the picture; default: the scene's")
 

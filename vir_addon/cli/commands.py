@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from ..core.errors import DeviceError
 from ..core.pass_set import PassSet
 from . import report
 from .arguments import settings_of
+from .interrupts import kept_interrupts
+from .progress import ShownProgress
 
 if TYPE_CHECKING:
     from ..blender.job import LayerJob
-    from ..core.render import Progress as RenderProgress
     from ..device.interface import Device
 
 
@@ -31,36 +31,43 @@ def import_blender() -> None:
         ) from error
 
 
+def open_scene(arguments: argparse.Namespace) -> Any:
+    """The bpy.types.Scene that the arguments name."""
+    with kept_interrupts(held_back=True):
+        import_blender()
+        from ..blender.open_file import open_blend, scene_named
+
+        open_blend(arguments.scene)
+        return scene_named(arguments.scene_name)
+
+
 def run_plan(arguments: argparse.Namespace, console: Console) -> None:
     settings = settings_of(arguments)
-    import_blender()
+    scene = open_scene(arguments)
     from ..blender.job import frame_jobs
-    from ..blender.open_file import open_blend, scene_named
 
-    open_blend(arguments.scene)
-    scene = scene_named(arguments.scene_name)
     for frame in arguments.frames or [scene.frame_current]:
-        for job in frame_jobs(scene, frame, settings, arguments.resolution).values():
+        with kept_interrupts():
+            jobs = frame_jobs(scene, frame, settings, arguments.resolution)
+        for job in jobs.values():
             report.print_plan(console, job.snapshot, job.plan)
 
 
 def run_render(arguments: argparse.Namespace, console: Console) -> None:
     settings = settings_of(arguments)
-    import_blender()
+    scene = open_scene(arguments)
     from ..blender.job import frame_jobs
-    from ..blender.open_file import open_blend, scene_named
     from ..core.exr import write_exr
     from ..core.files import check_writable
     from ..device.open import open_device
 
-    open_blend(arguments.scene)
-    scene = scene_named(arguments.scene_name)
     frames = arguments.frames or [scene.frame_current]
     device = None
     records: list[dict[str, Any]] = []
     try:
         for frame in frames:
-            jobs = frame_jobs(scene, frame, settings, arguments.resolution)
+            with kept_interrupts(), ShownProgress(console, f"frame {frame}") as shown:
+                jobs = frame_jobs(scene, frame, settings, arguments.resolution, shown.large_step)
             if device is None:
                 # after the first plan, as a wrong light name should not wait for a device; before the first picture, which would be lost
                 for folder in [arguments.output, *([arguments.stats.parent] if arguments.stats else [])]:
@@ -97,23 +104,7 @@ def _write_previews(target: Path, layers: dict[str, PassSet]) -> None:
 def _render_layer(job: LayerJob, device: Device, console: Console, title: str) -> PassSet:
     from ..blender.job import run
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("views, {task.fields[left]} left, error {task.fields[error]},"),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task(title, total=None, left="?", error="?")
-
-        def show(progress: RenderProgress) -> None:
-            bar.update(
-                task,
-                total=max(progress.views_total, 1),
-                completed=progress.views_done if progress.views_total else 1,
-                left=f"{progress.seconds_left:.0f} s",
-                error=report.error_text(progress.error_estimate),
-            )
-
-        return run(job, device, show)
+    with ShownProgress(console, title) as shown:
+        light_count = sum(planned.runs for planned in job.plan.passes)
+        shown.large_step(f"preparing {light_count} light{'s' * (light_count != 1)}")
+        return run(job, device, shown.batch, shown.stage)

@@ -37,15 +37,9 @@ def print_plan(console: Console, snapshot: SceneSnapshot, plan: RenderPlan) -> N
     for planned in plan.passes:
         how = f"{planned.method.value} {planned.points.value if planned.points else ''}".strip()
         if planned.runs:
-            table.add_row(
-                planned.light_name,
-                "yes",
-                how,
-                str(planned.view_count),
-                f"{planned.map_resolution_px} px",
-                milliseconds(planned.predicted_ms),
-                planned.reason,
-            )
+            views, predicted = str(planned.view_count), milliseconds(planned.predicted_ms)
+            maps = (how, views, f"{planned.map_resolution_px} px") if planned.needs_maps else ("none", views, "none")
+            table.add_row(planned.light_name, "yes", *maps, predicted, planned.reason)
         else:
             table.add_row(planned.light_name, "no", "", "", "", "", planned.reason)
     console.print(table)
@@ -65,13 +59,16 @@ def print_statistics(console: Console, statistics: SetStatistics) -> None:
     table = Table(Column("pass", no_wrap=True), "method", "views", "maps", "prepared", "prepare ms", "maps ms", "resolve ms", "error")
     for made in statistics.passes:
         if not made.view_count:
-            table.add_row(made.pass_name, made.reason)
+            table.add_row(made.pass_name, made.method)
             continue
-        times = [f"{made.stage_ms.get(stage, 0.0):.0f}" for stage in ("points", "splat or raster", "resolve")]
+        times = [f"{made.stage_ms[stage]:.0f}" if stage in made.stage_ms else "" for stage in ("points", "splat or raster", "resolve")]
         faces = f" x {made.face_count} faces" if made.face_count > 1 else ""
-        maps = f"{made.map_resolution_px} px{faces}"
+        maps = f"{made.map_resolution_px} px{faces}" if made.map_resolution_px else "none"
         table.add_row(made.pass_name, made.method, str(made.view_count), maps, _prepared(made), *times, error_text(made.error_estimate))
     console.print(table)
+    for made in statistics.passes:
+        if not made.map_resolution_px:
+            console.print(f"{made.pass_name}: {made.reason}", highlight=False, markup=False)
     totals = total_stage_ms(statistics)
     console.print(", ".join(f"{stage} {milliseconds(totals[stage])}" for stage in STAGES if stage in totals), highlight=False)
     print_notes(console, statistics.notes, statistics.left_out)

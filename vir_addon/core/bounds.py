@@ -1,4 +1,4 @@
-"""Boxes around meshes and instances, computed once a frame for planning, fitting and culling."""
+"""Boxes around meshes and instances, computed once, by the plan, for planning, fitting and culling."""
 
 from __future__ import annotations
 

@@ -177,17 +177,31 @@ def shadowing_casters(
     snapshot: SceneSnapshot, light: Light, bounds: SceneBounds, receivers_ws: np.ndarray, samples_m: np.ndarray
 ) -> CasterSet:
     """Casters of the light without flat ones that shadow nothing visible."""
-    if light.shape is LightShape.SUN:
-        # so far away that every plane in the scene has it on the side from which its rays come
-        far_m = 1e6 * max(float(np.ptp(bounds.corners_ws.reshape(-1, 3), axis=0).max()), float(np.abs(bounds.corners_ws).max()))
-        samples_ws = -far_m * np.add(samples_m, (0, 0, 1)) @ light_axes(light)
-    else:
-        samples_ws = light.world_from_light[:3, 3] + samples_m @ light_axes(light)
+    samples_ws = _samples_in_world(light, bounds, samples_m)
     indices = light_casters(snapshot, light)
     flat = bounds.flat_axis[snapshot.instances.mesh_index[indices]] >= 0
     idle = [i for i in indices[flat] if _shadows_nothing(snapshot, bounds, int(i), samples_ws, receivers_ws)]
     indices = np.setdiff1d(indices, np.array(idle, np.int64))
     return CasterSet(indices, bounds.corners_ws[indices])
+
+
+def may_shadow(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds, places_ws: np.ndarray, samples_m: np.ndarray) -> bool:
+    """Whether `shadowing_casters` may find any for receivers within the hull of some places, (n, 3) world space. True where looking at
+    all of them would take long."""
+    indices = light_casters(snapshot, light)
+    if (bounds.flat_axis[snapshot.instances.mesh_index[indices]] < 0).any() or len(indices) * len(places_ws) > MAX_PAIRS:
+        return True
+    samples_ws = _samples_in_world(light, bounds, samples_m)
+    return any(not _shadows_nothing(snapshot, bounds, int(i), samples_ws, places_ws) for i in indices)
+
+
+def _samples_in_world(light: Light, bounds: SceneBounds, samples_m: np.ndarray) -> np.ndarray:
+    """(n, 3) float64"""
+    if light.shape is LightShape.SUN:
+        # so far away that every plane in the scene has it on the side from which its rays come
+        far_m = 1e6 * max(float(np.ptp(bounds.corners_ws.reshape(-1, 3), axis=0).max()), float(np.abs(bounds.corners_ws).max()))
+        return -far_m * np.add(samples_m, (0, 0, 1)) @ light_axes(light)
+    return light.world_from_light[:3, 3] + samples_m @ light_axes(light)
 
 
 def light_hull(light: Light, samples_m: np.ndarray) -> np.ndarray:

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..device.interface import Device, Texture
-from .bounds import SceneBounds, cullable_instances
+from ..device.interface import Device, Texture, TextureFormat
+from ..device.owned import Owned
+from .bounds import cullable_instances
 from .fit import FittedFace, fit_light, light_hull, select_receivers
 from .methods import depth_map_method
 from .methods.base import DepthMapMethod, FaceJob
@@ -16,10 +17,10 @@ from .pass_set import PassStatistics
 from .passes.accumulate import MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, PassAccumulator
 from .passes.eye import EyePass
 from .passes.scene_data import SceneData
-from .passes.shadow_maps import RESOLVE, DepthMaps, face_table, samples_table, views_table
-from .plan import PlannedPass, RenderPlan
+from .passes.shadow_maps import FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, DepthMaps, face_table, samples_table, views_table
+from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
 from .sampling import light_samples, sample_weights
-from .scene import Light, LightShape, SceneSnapshot
+from .scene import Light, LightShape
 from .settings import Resolve, Settings
 from .stopwatch import Stopwatch
 
@@ -29,23 +30,45 @@ class MapStore:
 
     def __init__(self, device: Device, width: int, height: int, settings: Settings) -> None:
         self.device = device
-        self.shared = SharedByFaces(device, settings)
-        self.batch_sums: Texture = device.upload_texture(np.zeros((height, width, 4), np.float32))
-        self.no_receivers: Texture = device.upload_array(np.ones((1, 4), np.float32))
         self._maps: dict[tuple[int, int, int], DepthMaps] = {}
+        with Owned() as owned:
+            self.shared = owned.own(SharedByFaces(device, settings))
+            self.batch_sums: Texture = owned.own(device.upload_texture(np.zeros((height, width, 4), np.float32)))
+            self.no_receivers: Texture = owned.own(device.upload_array(np.ones((1, 4), np.float32)))
+            self._owned = owned.pop_all()
 
     def maps(self, width_px: int, height_px: int, view_count: int) -> DepthMaps:
         key = (max(width_px, 1), max(height_px, 1), view_count)
         if key not in self._maps:
-            self._maps[key] = DepthMaps(self.device, *key)
+            self._maps[key] = self._owned.own(DepthMaps(self.device, *key))
         return self._maps[key]
 
     def release(self) -> None:
-        self.shared.release()
-        self.batch_sums.release()
-        self.no_receivers.release()
-        for maps in self._maps.values():
-            maps.release()
+        self._owned.close()
+
+
+class FaceTurns:
+    """Which dispatches of a batch look a tile up: only those of faces that its surfaces are seen in, and one in any case."""
+
+    def __init__(self, masks: list[int], tile_faces: np.ndarray) -> None:
+        """masks: faces of each dispatch, a bit each; tile_faces: (rows, columns) those of every tile"""
+        self.masks = masks
+        self.sees = np.array([(tile_faces & mask) != 0 for mask in masks])
+        """(dispatches, rows, columns) bool"""
+        self.sees[0] |= ~self.sees.any(axis=0)
+        self._late_faces = np.zeros(self.sees.shape, np.int64)
+
+    def begin_late(self, index: int, tiles: np.ndarray) -> None:
+        """These tiles, (rows, columns) bool, take part from this dispatch on: what those before it would have found is as it was."""
+        self.sees[:index, tiles] = False
+        self.sees[index, tiles] = True
+        self._late_faces[index, tiles] = sum(self.masks[:index])
+
+    def of(self, index: int) -> np.ndarray:
+        """(rows, columns) int64 as of TURN_DEFINES; -1: none in this dispatch"""
+        first = FIRST_FACE * ~self.sees[:index].any(axis=0)
+        last = LAST_FACE * ~self.sees[index + 1 :].any(axis=0)
+        return np.where(self.sees[index], self._late_faces[index] | first | last, -1)
 
 
 class LightWork:
@@ -56,18 +79,20 @@ class LightWork:
         self.light: Light = next(light for light in snapshot.lights if light.name == planned.light_name)
         self.samples_m = light_samples(self.light, planned.view_count)
         self.sample_weights = sample_weights(self.light, self.samples_m)
-        self.accumulator = PassAccumulator(self.device, snapshot.width_px, snapshot.height_px)
         self.resolve_flags = list(planned.method.resolve_flags)
         if self.light.shape.is_omni:
             self.resolve_flags += ["OMNI"] + ["SPHERE"] * (planned.view_count > 1) + ["CONE"] * (self.light.shape is LightShape.SPOT)
         if self.light.shape is LightShape.SUN:
             self.resolve_flags.append("ORTHOGRAPHIC")
         self.receivers = store.no_receivers
-        if self.light.receivers is not None:
-            rows = np.zeros((len(self.light.receivers), 4), np.float32)
-            rows[:, 0] = self.light.receivers
-            self.receivers = self.device.upload_array(rows)
-            self.resolve_flags.append("RECEIVER_LINKING")
+        with Owned() as owned:
+            self.accumulator = owned.own(PassAccumulator(self.device, snapshot.width_px, snapshot.height_px))
+            if self.light.receivers is not None:
+                rows = np.zeros((len(self.light.receivers), 4), np.float32)
+                rows[:, 0] = self.light.receivers
+                self.receivers = owned.own(self.device.upload_array(rows))
+                self.resolve_flags.append("RECEIVER_LINKING")
+            self._owned = owned.pop_all()
         self.statistics = PassStatistics(
             planned.pass_name,
             planned.light_name,
@@ -80,9 +105,10 @@ class LightWork:
         self.reference_m = 1.0
         """distance at which the light delivers 1 in the running sums, which keeps them near 1 in scenes of any scale"""
 
-    def fit(self, snapshot: SceneSnapshot, bounds: SceneBounds, positions: np.ndarray, normals: np.ndarray, stopwatch: Stopwatch) -> None:
+    def fit(self, positions: np.ndarray, normals: np.ndarray, stopwatch: Stopwatch) -> None:
         """Fit the views to the surfaces of an eye G-buffer, (height, width, 4) each, and make what all batches share."""
         with stopwatch.stage("points"):
+            snapshot, bounds = self.scene_data.snapshot, self.plan.bounds
             receivers = select_receivers(positions, normals, self.light)
             fitted_faces, is_cube = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, self.planned.map_resolution_px)
             if is_cube:
@@ -91,11 +117,15 @@ class LightWork:
             if not is_sun:
                 self.reference_m = max((fitted.views.far_m for fitted in fitted_faces), default=1.0)
             culled = cullable_instances(snapshot, bounds, None if is_sun else light_hull(self.light, self.samples_m))
-            for fitted in fitted_faces:
-                self.faces.append(self._face(fitted, culled))
-            for _, _, method in self.faces:
-                if method is not None:
+            self.faces = [self._face(fitted, culled) for fitted in fitted_faces]
+        for _, _, method in self.faces:
+            if method is not None:
+                with stopwatch.stage("points"):
                     method.prepare()
+        if not any(method for _, _, method in self.faces):
+            self.statistics.method, self.statistics.map_resolution_px = "none", 0
+            if self.planned.needs_maps:
+                self.statistics.reason = f"{self.planned.reason}; {NO_MAP_REASON}"
         self._update_statistics()
 
     def _face(self, fitted: FittedFace, culled: np.ndarray) -> tuple[FittedFace, np.ndarray, DepthMapMethod | None]:
@@ -103,7 +133,7 @@ class LightWork:
         if not len(fitted.caster_indices):
             return fitted, table, None
         job = FaceJob(self.scene_data, fitted, table, culled, self.light, self.samples_m, self.plan.settings, self.store.shared)
-        return fitted, table, depth_map_method(self.planned, job)
+        return fitted, table, self._owned.own(depth_map_method(self.planned, job))
 
     def _update_statistics(self) -> None:
         methods = [method for _, _, method in self.faces if method is not None]
@@ -128,35 +158,38 @@ class LightWork:
 
     def render_batch(self, batch: int, eye: EyePass, stopwatch: Stopwatch) -> None:
         selected = self.batch_views(batch)
-        self.accumulator.batch_count += 1
+        self.accumulator.begin_batch()
         # faces without casters need no map: the first dispatch looks them up too, or one of their own if there is no other
         mapped = [face for face in self.faces if face[2] is not None] or self.faces[:1]
-        unmapped_mask = sum(1 << fitted.views.face.index for fitted, _, method in self.faces if method is None)
+        masks = [1 << fitted.views.face.index for fitted, _, _ in mapped]
+        if mapped:
+            masks[0] |= sum(1 << fitted.views.face.index for fitted, _, method in self.faces if method is None)
+        turns: FaceTurns | None = None
         for index, (fitted, table, method) in enumerate(mapped):
             maps = self.store.maps(fitted.views.map_width_px, fitted.views.map_height_px, self.largest_batch)
             if method is not None:
                 with stopwatch.stage("splat or raster"):
                     method.fill(maps, selected)
-            own_mask = 1 << fitted.views.face.index
+            look_up = {
+                "depth_maps": maps.texture,
+                "face": table,
+                "views": views_table(fitted.views, selected),
+                "samples": samples_table(fitted.views, self.sample_weights, selected),
+                "view_count": len(selected),
+                "map_face": fitted.views.face.index,
+                "face_mask": masks[index],
+            }
             with stopwatch.stage("resolve"):
-                self._resolve(
-                    eye,
-                    maps,
-                    face=table,
-                    views=views_table(fitted.views, selected),
-                    samples=samples_table(fitted.views, self.sample_weights, selected),
-                    view_count=len(selected),
-                    map_face=fitted.views.face.index,
-                    face_mask=own_mask | unmapped_mask if index == 0 else own_mask,
-                    first_face=int(index == 0),
-                    last_face=int(index == len(mapped) - 1),
-                )
+                if turns is None:
+                    turns = FaceTurns(masks, self._tile_faces(eye, look_up))
+                self._probe(batch, eye, index, turns, look_up)
+                self._resolve(eye, turns.of(index), look_up)
         if not self.faces:
             # nothing visible is reached; surfaces still have to be told from the background
             with stopwatch.stage("resolve"):
-                nothing = {"view_count": 0, "map_face": 0, "face_mask": 0, "first_face": 1, "last_face": 1}
+                nothing = {"view_count": 0, "map_face": 0, "face_mask": 0, "depth_maps": self.store.maps(1, 1, 1).texture}
                 empty = {name: np.zeros((1, 4)) for name in ("face", "views", "samples")}
-                self._resolve(eye, self.store.maps(1, 1, 1), **empty, **nothing)
+                self._resolve(eye, FaceTurns([1], self.accumulator.looked_up).of(0), {**empty, **nothing})
         if self._may_settle(batch):
             with stopwatch.stage("resolve"):
                 self.accumulator.settle(eye.positions, eye.normals)
@@ -171,26 +204,56 @@ class LightWork:
             and (self.batch_views(batch).stop >= MIN_SETTLING_VIEWS or batch + 1 >= self.planned.view_count)
         )
 
-    def _resolve(self, eye: EyePass, maps: DepthMaps, **bindings: Any) -> None:
+    def _tile_faces(self, eye: EyePass, look_up: dict[str, Any]) -> np.ndarray:
+        """(rows, columns) uint32: a bit for every face that the tile's surfaces are seen in"""
+        if "MANY_FACES" not in self.resolve_flags:
+            return np.full(self.accumulator.looked_up.shape, look_up["face_mask"], np.uint32)
+        rows, columns = self.accumulator.looked_up.shape
         width, height = eye.size
-        self.accumulator.tiles.dispatch(
-            self.device.compute_kernel(RESOLVE, *self.resolve_flags),
-            positions=eye.positions,
-            normals=eye.normals,
-            depth_maps=maps.texture,
-            receivers=self.receivers,
-            moments=self.accumulator.moments,
-            coverage=self.accumulator.coverage,
-            batch_sums=self.store.batch_sums,
-            width=width,
-            height=height,
-            **bindings,
-        )
+        with Owned() as temporary:
+            tile_faces = temporary.own(self.device.create_texture(columns, rows, TextureFormat.R32UI))
+            self.device.compute_kernel(TILE_FACES).dispatch(
+                (-(-columns // 8), -(-rows // 8), 1),
+                positions=eye.positions,
+                tile_faces=tile_faces,
+                width=width,
+                height=height,
+                **{name: look_up[name] for name in ("view_count", "face", "samples")},
+            )
+            return self.device.read(tile_faces)
+
+    def _probe(self, batch: int, eye: EyePass, index: int, turns: FaceTurns, look_up: dict[str, Any]) -> None:
+        """Look settled tiles up at a few pixels, at others in every batch, and go on with those that are not what they were."""
+        with Owned() as temporary:
+            tiles = temporary.own(self.accumulator.tiles_to_probe(turns.sees[index]))
+            if not tiles.count:
+                return
+            self.device.fill(self.accumulator.disagreeing, 0)
+            tiles.dispatch_probes(
+                self.device.compute_kernel(RESOLVE, *self.resolve_flags, "PROBES"), batch, **self._bindings(eye), **look_up
+            )
+        reopened = self.accumulator.reopen()
+        eye.want_also(reopened)
+        turns.begin_late(index, reopened)
+
+    def _resolve(self, eye: EyePass, turns: np.ndarray, look_up: dict[str, Any]) -> None:
+        with Owned() as temporary:
+            tiles = temporary.own(self.accumulator.tiles_to_look_up(turns))
+            tiles.dispatch(self.device.compute_kernel(RESOLVE, *self.resolve_flags), **self._bindings(eye), **look_up)
+
+    def _bindings(self, eye: EyePass) -> dict[str, Any]:
+        width, height = eye.size
+        return {
+            "positions": eye.positions,
+            "normals": eye.normals,
+            "receivers": self.receivers,
+            "moments": self.accumulator.moments,
+            "coverage": self.accumulator.coverage,
+            "disagreeing": self.accumulator.disagreeing,
+            "batch_sums": self.store.batch_sums,
+            "width": width,
+            "height": height,
+        }
 
     def release(self) -> None:
-        for _, _, method in self.faces:
-            if method is not None:
-                method.release()
-        self.accumulator.release()
-        if self.receivers is not self.store.no_receivers:
-            self.receivers.release()
+        self._owned.close()

@@ -56,11 +56,12 @@ class PassStatistics:
     pass_name: str
     light_name: str
     method: str
-    """the method's name, with 'buffered' or 'bufferless' if it has points, or 'none' (nothing to do; `reason` says why)"""
+    """the method's name, with 'buffered' or 'bufferless' if it has points, or 'none' (no map was made; `reason` says why)"""
     reason: str
     view_count: int = 0
     face_count: int = 0
     map_resolution_px: int = 0
+    """0: no map was made"""
     point_count: int = 0
     """points generated for one replay of all views; 0 for methods without points"""
     kept_point_count: int = 0
@@ -75,7 +76,7 @@ class PassStatistics:
     portion_count: int = 1
     """more than 1: the buffer was too small for all points or triangles at once"""
     settled_share: float = 0.0
-    """share of the pixels that later batches did not look up: wholly lit or dark in the first ones, with all pixels around"""
+    """share of the picture's tiles that the last batch only probed: wholly lit or dark in the first ones, with all pixels around"""
     stage_ms: dict[str, float] = field(default_factory=dict)
     error_estimate: float = 0.0
     """RMS over lit pixels of the standard error of the pass; from the spread between batches, an upper estimate"""

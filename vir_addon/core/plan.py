@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,9 +11,10 @@ from ..device.interface import Device
 from . import cost
 from .bounds import SceneBounds, compute_bounds
 from .errors import SceneError, UsageError
-from .fit import choose_faces, light_casters, lit_places
+from .fit import choose_faces, light_casters, lit_places, may_shadow
 from .pass_set import unique_pass_names
 from .passes.shadow_maps import MAX_BATCH_VIEWS
+from .sampling import light_samples
 from .scene import Camera, Light, LightShape, SceneSnapshot
 from .settings import Method, PointStorage, Settings
 from .views import light_axes
@@ -24,6 +25,7 @@ MAX_EYE_SAMPLES = 16
 
 AUTO_METHODS = (Method.MICRO, Method.MVR, Method.IVIR)
 """What `auto` chooses from; the others are there to be compared with these, and were nowhere measured to be faster."""
+NO_MAP_REASON = "no map needed: nothing casts a shadow on what is in the picture"
 
 LATTICE_STEPS = 6
 MAX_LATTICE_BOXES = 1024
@@ -43,6 +45,8 @@ class PlannedPass:
     points: PointStorage | None = None
     view_count: int = 0
     map_resolution_px: int = 0
+    needs_maps: bool = True
+    """False: nothing can cast; surfaces are looked at for which way they face only"""
     surface_value: float = 1.0
     predicted_ms: float = 0.0
 
@@ -50,6 +54,8 @@ class PlannedPass:
 @dataclass(frozen=True)
 class RenderPlan:
     settings: Settings
+    bounds: SceneBounds = field(repr=False, compare=False)
+    """of the snapshot that was planned"""
     passes: tuple[PlannedPass, ...]
     batch_count: int
     """steps after which a valid picture exists; each renders its share of every light's views"""
@@ -78,6 +84,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     eye_ms = cost.eye_ms(snapshot, eye_sample_count)
     return RenderPlan(
         settings=settings,
+        bounds=bounds,
         passes=passes,
         batch_count=batch_count,
         eye_sample_count=eye_sample_count,
@@ -131,10 +138,23 @@ def _plan_light(
     _refuse_what_the_method_cannot_do(light, settings)
     view_count = settings.view_count if light.has_size else 1
     reason = _describe(light) if light.has_size else f"{_describe(light)} without size: one view, a hard shadow"
+    if not may_shadow(snapshot, light, bounds, _receiving_corners(snapshot, light, bounds), light_samples(light, view_count)):
+        return PlannedPass(
+            light.name,
+            pass_name,
+            runs=True,
+            reason=f"{reason}; {NO_MAP_REASON}",
+            view_count=view_count,
+            map_resolution_px=settings.map_resolution_px,
+            needs_maps=False,
+            predicted_ms=cost.resolve_ms(snapshot, view_count),
+        )
     face_count = _likely_face_count(light, places_ws)
     estimates = cost.estimate_methods(snapshot, light, view_count, settings, bounds, face_count=face_count)
+    has_cut_outs = any(snapshot.meshes[index].opacity_map is not None for index in _caster_meshes(snapshot, light))
     if settings.method is Method.AUTO:
-        method = min(AUTO_METHODS, key=lambda m: estimates[m])
+        # what the rasterizer draws into splatted maps loses half a texel at every outline, and lace is nothing but outlines
+        method = min((m for m in AUTO_METHODS if not (has_cut_outs and m.shrinks_cut_outs)), key=lambda m: estimates[m])
         other = max(AUTO_METHODS, key=lambda m: estimates[m])
         reason += (
             f"; {method.value} about {max(estimates[other] / max(estimates[method], 1e-9), 1.0):.1f} times faster than {other.value} here"
@@ -142,6 +162,8 @@ def _plan_light(
     else:
         method = settings.method
         reason += f"; {method.value} as asked"
+        if has_cut_outs and method.shrinks_cut_outs:
+            reason += ", though cut-outs lose half a texel at their outlines"
     return PlannedPass(
         light.name,
         pass_name,
@@ -162,15 +184,24 @@ def _refuse_what_the_method_cannot_do(light: Light, settings: Settings) -> None:
             f"vwss warps the view of an area light, and {light.name!r} is a {light.shape.value}: use --method ivir, or leave the light out "
             "with --lights"
         )
-    if settings.method is not Method.VIR:
-        return
-    if settings.points is PointStorage.BUFFERLESS:
-        raise UsageError("vir compares neighbours in its point buffer and has no bufferless form: use --points buffered, or --method ivir")
-    if light.shape is LightShape.SUN:
+    if settings.method is Method.VIR and light.shape is LightShape.SUN:
         raise UsageError(
             f"vir samples at the rate of perspective views, and those of the sun {light.name!r} are parallel: use --method ivir, "
             "or leave the light out with --lights"
         )
+
+
+def _receiving_corners(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds) -> np.ndarray:
+    """(n, 3) corners of the boxes of what the light may light in the picture"""
+    visible = snapshot.instances.visible_to_camera & _may_be_in_picture(snapshot.camera, bounds.corners_ws)
+    if light.receivers is not None:
+        visible &= light.receivers
+    return bounds.corners_ws[visible].reshape(-1, 3)
+
+
+def _caster_meshes(snapshot: SceneSnapshot, light: Light) -> np.ndarray:
+    """(n,) int32 meshes that may cast this light's shadow."""
+    return np.unique(snapshot.instances.mesh_index[light_casters(snapshot, light)])
 
 
 def _describe(light: Light) -> str:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..device.interface import Device
-from .bounds import compute_bounds
+from ..device.owned import Owned
 from .light_work import LightWork, MapStore
 from .pass_set import COMBINED_PASS_NAME, PassSet, PassStatistics, SetStatistics
 from .passes.accumulate import pass_image
@@ -27,7 +27,7 @@ from .passes.scene_data import SceneData
 from .plan import RenderPlan, check_device
 from .sampling import pixel_offsets
 from .scene import Light, SceneSnapshot
-from .stopwatch import Stopwatch
+from .stopwatch import OnStage, Stopwatch
 
 
 @dataclass
@@ -63,10 +63,14 @@ class Progress:
         return PassSet(self.passes, self.statistics)
 
 
-def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device) -> Generator[Progress, None, None]:
-    """Yield after every batch. Closing the generator releases the device's memory. UsageError if the device lacks what the plan needs."""
+def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device, on_stage: OnStage | None = None) -> Generator[Progress, None, None]:
+    """Yield after every batch. Closing the generator releases the device's memory. UsageError if the device lacks what the plan needs.
+
+    on_stage: told what is being done, also before the first batch. With a device that has a thread of its own, a KeyboardInterrupt
+    of the caller's ends the work there with the current stage.
+    """
     check_device(plan, device)
-    with contextlib.closing(Renderer(snapshot, plan, device)) as renderer:
+    with contextlib.closing(Renderer(snapshot, plan, device, on_stage)) as renderer:
         start = time.perf_counter()
         device.run(renderer.prepare)
         prepared_s = time.perf_counter() - start
@@ -96,15 +100,15 @@ def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device) -> Generat
 class Renderer:
     """What lives as long as one frame is rendered."""
 
-    def __init__(self, snapshot: SceneSnapshot, plan: RenderPlan, device: Device) -> None:
+    def __init__(self, snapshot: SceneSnapshot, plan: RenderPlan, device: Device, on_stage: OnStage | None = None) -> None:
         self.snapshot, self.plan, self.device = snapshot, plan, device
-        self.stopwatch = Stopwatch(device)
+        self.stopwatch = Stopwatch(device, on_stage)
         self.views_total = sum(planned.view_count for planned in plan.passes if planned.runs)
         self.offsets_px = pixel_offsets(snapshot.pixel_filter, plan.eye_sample_count)
         self.surface_share_sum = np.zeros((snapshot.height_px, snapshot.width_px), np.float32)
         self.batches_done = 0
         self.works: list[LightWork] = []
-        self._cleanup = contextlib.ExitStack()
+        self._owned = Owned()
         self._current_offset = -1
         self._eye_is_settled = False
         self.statistics = SetStatistics(
@@ -131,33 +135,28 @@ class Renderer:
                 self.statistics.passes.append(PassStatistics(planned.pass_name, planned.light_name, "none", planned.reason))
         if not self.needs_eye:
             return
-        bounds = compute_bounds(self.snapshot)
         with self.stopwatch.stage("upload"):
-            self.scene_data = SceneData(self.snapshot, self.device)
-            self._cleanup.callback(self.scene_data.release)
-            self.eye = EyePass(self.snapshot, self.scene_data, self.device, bounds, self.offsets_px)
-            self._cleanup.callback(self.eye.release)
-            self.store = MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, self.plan.settings)
-            self._cleanup.callback(self.store.release)
+            self.scene_data = self._owned.own(SceneData(self.snapshot, self.device))
+            self.eye = self._owned.own(EyePass(self.snapshot, self.scene_data, self.device, self.plan.bounds, self.offsets_px))
+            self.store = self._owned.own(MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, self.plan.settings))
         self._render_eye(0)
         if any(planned.runs for planned in self.plan.passes):
             with self.stopwatch.stage("read-back"):
                 positions, normals = self.device.read(self.eye.positions), self.device.read(self.eye.normals)
         for planned in self.plan.passes:
             if planned.runs:
-                work = LightWork(planned, self.plan, self.scene_data, self.store)
-                self._cleanup.callback(work.release)
+                work = self._owned.own(LightWork(planned, self.plan, self.scene_data, self.store))
                 self.works.append(work)
                 self.statistics.passes.append(work.statistics)
-                with self.stopwatch.billed_to(work.statistics.stage_ms):
-                    work.fit(self.snapshot, bounds, positions, normals, self.stopwatch)
+                with self.stopwatch.billed_to(work.statistics):
+                    work.fit(positions, normals, self.stopwatch)
         self.statistics.passes.sort(key=lambda statistics: statistics.light_name)
 
     def _render_eye(self, batch: int) -> None:
         offset = batch % self.plan.eye_sample_count
         if offset != self._current_offset:
             with self.stopwatch.stage("eye G-buffer"):
-                self.eye.render(offset)
+                self.eye.render(offset, batch)
             self._current_offset = offset
 
     def render_batch(self, batch: int) -> None:
@@ -169,10 +168,10 @@ class Renderer:
             # only for passes that are constant on surfaces, which still have to be told from the background
             self.surface_share_sum += self.device.read(self.eye.positions)[..., 3] >= 0
         for work in self.works:
-            with self.stopwatch.billed_to(work.statistics.stage_ms):
+            with self.stopwatch.billed_to(work.statistics):
                 work.render_batch(batch, self.eye, self.stopwatch)
         if not self._eye_is_settled and self.works and all(work.accumulator.settled_batch_count for work in self.works):
-            self.eye.keep_only(np.any([work.accumulator.tiles.wanted_px for work in self.works], axis=0))
+            self.eye.want_only(np.any([work.accumulator.looked_up for work in self.works], axis=0))
             self._eye_is_settled = True
 
     def update_errors(self) -> float:
@@ -205,7 +204,9 @@ class Renderer:
         return dict(sorted(images.items()))
 
     def close(self) -> None:
-        self.device.run(self._cleanup.close)
+        # an interrupted caller may have left the device's thread at work
+        self.stopwatch.stop()
+        self.device.run(self._owned.close)
 
 
 def combined_weight(light: Light, view_count: int, batch_count: int, reference_m: float) -> float:

@@ -17,9 +17,37 @@ from dataclasses import dataclass, field
 import numpy as np
 
 
+class Extension(enum.Enum):
+    """What an image is beyond its edges."""
+
+    REPEAT = "repeat"
+    MIRROR = "mirror"
+    EXTEND = "extend"
+    CLIP = "clip"
+    """texels of value 0"""
+
+
+@dataclass(frozen=True, eq=False)
+class OpacityMap:
+    """Which share of a surface is there, as an image upon it: leaves on a card, a lace curtain, a tinted pane."""
+
+    name: str
+    """of the material"""
+    texels: np.ndarray
+    """(height, width) uint8, row 0 at the bottom, v = 0"""
+    opacity: np.ndarray
+    """(256,) float32: 0 lets everything through, 1 nothing; of texel values 0 to 255, linear between them, looked up after the image is
+    interpolated"""
+    extension: Extension = Extension.REPEAT
+    is_interpolated: bool = True
+    """bilinearly between texels' centres; otherwise a texel is one value throughout"""
+
+
 @dataclass(frozen=True)
 class Mesh:
     """Triangles in object space, stored once however many instances show them.
+
+    A mesh has one opacity map or none: what of a Blender mesh has another material is a mesh of its own here, with instances of its own.
 
     Shading normals: `point_normals` where a vertex has one normal, `corner_normals` where corners of one vertex
     differ (sharp edges, custom normals), neither for a mesh that is flat shaded throughout.
@@ -35,7 +63,12 @@ class Mesh:
     corner_normals_os: np.ndarray | None = None
     """(triangle_count, 3, 3) float32 unit vectors"""
     is_closed: bool = False
-    """Every directed edge is met by its reverse: from outside, any ray crosses as many front as back faces."""
+    """Every directed edge is met by its reverse: from outside, any ray crosses as many front as back faces. False with an opacity map:
+    back faces are seen through the holes."""
+    opacity_map: OpacityMap | None = None
+    """None: opaque"""
+    uvs: np.ndarray | None = None
+    """(vertex_count, 2) float32 places in the opacity map, whose corners are (0, 0) and (1, 1); with an opacity map only"""
 
     @property
     def vertex_count(self) -> int:

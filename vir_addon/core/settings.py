@@ -23,11 +23,21 @@ class Method(enum.Enum):
         return self in (Method.IVIR, Method.HYBRID, Method.VIR, Method.VWSS)
 
     @property
+    def may_be_bufferless(self) -> bool:
+        """Whether maps can be splatted without keeping points; with AUTO it counts for lights that a method with points is chosen for."""
+        return self in (Method.AUTO, Method.IVIR, Method.HYBRID, Method.VWSS)
+
+    @property
+    def shrinks_cut_outs(self) -> bool:
+        """Whether RESOLVE takes all that is in the maps for points and what the rasterizer draws into them for half a texel too large."""
+        return self in (Method.IVIR, Method.VIR)
+
+    @property
     def resolve_flags(self) -> tuple[str, ...]:
         """How RESOLVE has to look at the maps. Points of vwss lie at centres of texels, of its own view, and do not enlarge outlines."""
         if self is Method.HYBRID:
             return ("POINT_MAPS", "MIXED_MAPS")
-        return ("POINT_MAPS",) if self in (Method.IVIR, Method.VIR) else ()
+        return ("POINT_MAPS",) if self.shrinks_cut_outs else ()
 
 
 class PointStorage(enum.Enum):
@@ -37,8 +47,8 @@ class PointStorage(enum.Enum):
 
 class Resolve(enum.Enum):
     ADAPTIVE = "adaptive"
-    """Pixels that the first batches find wholly lit or dark, with all pixels around, are not looked up again. What only a few samples of a
-    large light reach may be missed and ends in blocks."""
+    """Tiles that the first batches find wholly lit or dark, with all pixels around, are only probed from then on, and looked up again
+    where a probe finds something else."""
     FULL = "full"
 
 
@@ -46,6 +56,7 @@ class Resolve(enum.Enum):
 class Settings:
     method: Method = Method.AUTO
     points: PointStorage = PointStorage.BUFFERED
+    """of ivir, hybrid and vwss; with AUTO it counts for lights that ivir is chosen for"""
     view_count: int = 64
     """light samples of a light with size; lights without size get one"""
     map_resolution_px: int = 1024
@@ -53,9 +64,9 @@ class Settings:
     """None: every light that the scene shows"""
     stochastic_culling: bool = True
     """cull triangles below a tenth of a pixel with probability 1 - 10 A (Gavane & Watson 2022, section 3.2)"""
-    resolve: Resolve = Resolve.FULL
-    cull_hidden_points: bool = True
-    """after the first batch of views, leave out points that none of its views is near to seeing (buffered points only)"""
+    resolve: Resolve = Resolve.ADAPTIVE
+    cull_hidden: bool = True
+    """after the first batch of views, leave out buffered points and small triangles that none of its views is near to seeing"""
     watertight: bool = True
     """point spacing that leaves no texel empty (covering radius) instead of the published one point per pixel area"""
     small_triangle_points: int = 8
@@ -64,8 +75,9 @@ class Settings:
     """vwss: points of back faces as well"""
     views_per_thread: int = 8
     """vwss: maps that one thread writes a point into; 1: serial, 8 and more: all that there are at a time"""
-    point_buffer_mib: int = 256
-    """memory for the points of all lights; what does not fit is processed in portions, or made again when its turn comes"""
+    replay_buffer_mib: int = 256
+    """memory for what views replay (points, small triangles) of all lights; what does not fit is processed in portions, or made again when
+    its turn comes"""
 
     def __post_init__(self) -> None:
         if not 1 <= self.view_count <= 4096:
@@ -76,5 +88,11 @@ class Settings:
             raise UsageError(f"a small triangle may have 0 to 32 points, not {self.small_triangle_points}")
         if self.views_per_thread < 1:
             raise UsageError(f"a thread serves at least one view, not {self.views_per_thread}")
-        if self.point_buffer_mib < 1:
-            raise UsageError("the point buffer needs at least 1 MiB")
+        if self.points is PointStorage.BUFFERLESS and not self.method.may_be_bufferless:
+            raise UsageError(
+                f"points cannot be {self.points.value} with the method {self.method.value}, "
+                f"which {'compares neighbours in their buffer' if self.method.uses_points else 'makes none'}; "
+                f"choose the method {Method.IVIR.value}, or leave the choice of points out"
+            )
+        if self.replay_buffer_mib < 1:
+            raise UsageError("the replay buffer needs at least 1 MiB")

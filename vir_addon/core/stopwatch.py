@@ -1,31 +1,57 @@
-"""Milliseconds per stage. The device is waited for on both sides of a stage: work is queued, and would be billed to whoever waits."""
+"""Milliseconds per stage. The device is waited for on both sides of a stage: work is queued, and would be billed to whoever waits.
+
+Stages are also what a front end shows while it waits, and where work ends that nobody waits for any more.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from ..device.interface import Device
 
+if TYPE_CHECKING:
+    from .pass_set import PassStatistics
+
+OnStage = Callable[[str, str | None], None]
+"""called when a stage begins, with its name (`pass_set.STAGES`) and that of the light that it is for, or None; on the device's thread"""
+
+
+class StoppedError(Exception):
+    """Ends work on the device's thread after `Stopwatch.stop`; reaches nobody."""
+
 
 class Stopwatch:
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: Device, on_stage: OnStage | None = None) -> None:
         self.device = device
         self.shared_ms: dict[str, float] = {}
         self._current = self.shared_ms
+        self._light_name: str | None = None
+        self._on_stage = on_stage
+        self._is_stopped = False
+
+    def stop(self) -> None:
+        """Let no further stage begin. May be called from any thread."""
+        self._is_stopped = True
 
     @contextmanager
-    def billed_to(self, stage_ms: dict[str, float]) -> Iterator[None]:
-        """Stages inside count for these statistics instead of the shared ones."""
-        before, self._current = self._current, stage_ms
+    def billed_to(self, statistics: PassStatistics) -> Iterator[None]:
+        """Stages inside count for this pass instead of for all together."""
+        before = self._current, self._light_name
+        self._current, self._light_name = statistics.stage_ms, statistics.light_name
         try:
             yield
         finally:
-            self._current = before
+            self._current, self._light_name = before
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
+        if self._is_stopped:
+            raise StoppedError
+        if self._on_stage is not None:
+            self._on_stage(name, self._light_name)
         self.device.finish()
         start = time.perf_counter()
         yield

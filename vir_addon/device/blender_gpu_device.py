@@ -9,6 +9,7 @@ the vendors' drivers order these by themselves, and Vulkan and Metal are tracked
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
 import re
 import sys
@@ -22,7 +23,6 @@ import numpy as np
 from ..core.errors import DeviceError
 from . import shader_source
 from .declaration import ComputeDeclaration, KernelDeclaration, RasterDeclaration
-from .fill import signed_bits
 from .interface import (
     ComputeKernel,
     Device,
@@ -41,6 +41,11 @@ SAMPLER_TYPES = {"sampler2D": "FLOAT_2D", "usampler2D": "UINT_2D"}
 IMAGE_QUALIFIERS = {"write": {"WRITE"}, "read_write": {"READ", "WRITE"}, "atomic": {"READ", "WRITE"}}
 CONSOLE_LINE = re.compile(r"\.glsl:(\d+)")
 """Blender names every source python_shader.glsl and has already translated the driver's line numbers."""
+VERSION_PROBE = re.compile(r"EGL Error \(0x3009\): EGL_BAD_MATCH\b.*\n?")
+"""Blender asks EGL for OpenGL 4.6, 4.5, ... until the driver has one, and prints each refusal."""
+STANDARD_OUTPUT, STANDARD_ERROR = 1, 2
+EGL_PLATFORM_SURFACELESS = 0x31DD
+INSTALL_EGL = "apt-get install libegl1 libgl1 libgl1-mesa-dri"
 
 
 class BlenderTexture(Texture):
@@ -222,11 +227,9 @@ class BlenderGpuDevice(Device):
         if bpy.app.background:
             if not hasattr(gpu, "init"):
                 raise DeviceError(f"Blender {bpy.app.version_string} has no GPU in background, 5.2 and later do; use the device moderngl")
-            try:
-                gpu.init()
-            except Exception as error:
-                # Blender raises bare exceptions whose text is all there is to go by
-                raise DeviceError(f"Blender found no usable GPU ({error}); use the device moderngl") from error
+            if sys.platform == "linux" and bpy.context.preferences.system.gpu_backend == "OPENGL":
+                _check_egl()
+            _initialize(gpu)
         self.gpu = gpu
         self._thread_id = threading.get_ident()
         self._kernels: dict[tuple[str, tuple[str, ...]], Any] = {}
@@ -251,7 +254,7 @@ class BlenderGpuDevice(Device):
         except Exception as error:
             # Blender raises bare exceptions, and tells the reason only on the console: compile again and listen
             log: list[str] = []
-            with contextlib.suppress(Exception), _console_output(log):
+            with contextlib.suppress(Exception), _console_output(STANDARD_OUTPUT, log):
                 self.gpu.shader.create_from_info(info)
             text = "".join(log).strip() or str(error)
             raise DeviceError(shader_source.refusal(declaration.name, text, CONSOLE_LINE, stages)) from error
@@ -297,7 +300,9 @@ class BlenderGpuDevice(Device):
             with self.restored_state(), framebuffer.bind():
                 framebuffer.clear(depth=1.0)
         else:
-            texture.handle.clear(format="UINT", value=(signed_bits(value),) * texture.format.channel_count)
+            # the same 32 bits: the value of an unsigned texture is taken as a signed integer
+            signed = value - (1 << 32) if value >> 31 else value
+            texture.handle.clear(format="UINT", value=(signed,) * texture.format.channel_count)
 
     def read(self, texture: Texture) -> np.ndarray:
         return self.run(self._read, texture)
@@ -326,17 +331,58 @@ class BlenderGpuDevice(Device):
         self._fence.release()
 
 
+def _check_egl() -> None:
+    """Without a driver that EGL can open, `gpu.init` ends the process instead of raising."""
+    try:
+        egl = ctypes.CDLL("libEGL.so.1")
+    except OSError as error:
+        raise DeviceError(f"Blender finds no EGL ({error}); on Debian or Ubuntu run: {INSTALL_EGL}") from error
+    egl.eglGetDisplay.argtypes, egl.eglGetDisplay.restype = [ctypes.c_void_p], ctypes.c_void_p
+    egl.eglGetPlatformDisplay.argtypes, egl.eglGetPlatformDisplay.restype = [ctypes.c_uint] + [ctypes.c_void_p] * 2, ctypes.c_void_p
+    egl.eglInitialize.argtypes = [ctypes.c_void_p] * 3
+    # as Blender does: the default display, and where there is none, no surface at all
+    display = egl.eglGetDisplay(None)
+    if display and egl.eglInitialize(display, None, None):
+        return
+    display = egl.eglGetPlatformDisplay(EGL_PLATFORM_SURFACELESS, None, None)
+    if not (display and egl.eglInitialize(display, None, None)):
+        raise DeviceError(f"Blender finds no OpenGL driver through EGL; on Debian or Ubuntu run: {INSTALL_EGL}")
+
+
+def _initialize(gpu: Any) -> None:
+    """Give a Blender in background its context. Of what is printed meanwhile, refusals on the way to one that works are left out."""
+    log: list[str] = []
+    has_context = False
+    try:
+        with _console_output(STANDARD_ERROR, log):
+            gpu.init()
+        has_context = True
+    except Exception as error:
+        # Blender raises bare exceptions whose text is all there is to go by
+        raise DeviceError(f"Blender found no usable GPU ({error}); use the device moderngl") from error
+    finally:
+        text = "".join(log)
+        print(VERSION_PROBE.sub("", text) if has_context else text, end="", file=sys.stderr)
+
+
 @contextlib.contextmanager
-def _console_output(log: list[str]) -> Iterator[None]:
-    """Appends to `log` what the whole process writes to its standard output meanwhile, C and C++ included."""
+def _console_output(descriptor: int, log: list[str]) -> Iterator[None]:
+    """Appends to `log` what the whole process writes to its standard output (1) or error (2) meanwhile, C and C++ included."""
+    try:
+        console = os.dup(descriptor)
+    except OSError:
+        # closed: nobody would have read it
+        yield
+        return
     with tempfile.TemporaryFile() as file:
-        sys.stdout.flush()
-        console = os.dup(1)
-        os.dup2(file.fileno(), 1)
+        stream = sys.stdout if descriptor == STANDARD_OUTPUT else sys.stderr
+        if stream is not None:
+            stream.flush()
+        os.dup2(file.fileno(), descriptor)
         try:
             yield
         finally:
-            os.dup2(console, 1)
+            os.dup2(console, descriptor)
             os.close(console)
             file.seek(0)
             log.append(file.read().decode(errors="replace"))

@@ -20,9 +20,7 @@ from ..core.errors import DeviceError
 from . import shader_source
 from .declaration import ComputeDeclaration, KernelDeclaration, RasterDeclaration
 
-ROOT_PACKAGE = __package__.rpartition(".")[0]
-PASSES_PACKAGE = f"{ROOT_PACKAGE}.core.passes"
-MODULES_BESIDE_PASSES = (f"{ROOT_PACKAGE}.device.fill",)
+PASSES_PACKAGE = f"{__package__.rpartition('.')[0]}.core.passes"
 CONDITION = re.compile(r"^\s*#\s*(ifdef|ifndef|if|elif|else|endif)\b\s*(\w*)")
 DEFINE = re.compile(r"^\s*#\s*define\s+(\w+)")
 COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
@@ -44,11 +42,11 @@ class Variant(NamedTuple):
 
 
 def declarations() -> list[KernelDeclaration]:
-    """Every kernel declaration in a module of core/passes, and those of the device itself."""
+    """Every kernel declaration in a module of core/passes."""
     passes = importlib.import_module(PASSES_PACKAGE)
     names = [f"{PASSES_PACKAGE}.{module.name}" for module in pkgutil.iter_modules(passes.__path__)]
     found: dict[int, KernelDeclaration] = {}
-    for name in (*names, *MODULES_BESIDE_PASSES):
+    for name in names:
         values = vars(importlib.import_module(name)).values()
         # a declaration that one module imports from another is one
         found |= {id(value): value for value in values if isinstance(value, KernelDeclaration)}

@@ -21,6 +21,12 @@ EMPTY_DEPTH_BITS = 0x7F7FFFFF
 """'Nothing here' in depth maps: the bits of the largest finite float. A pattern that decodes to NaN would make every comparison false."""
 
 
+def split_integers(values: np.ndarray) -> np.ndarray:
+    """(...) non-negative integers -> (..., 2) float32: high and low 16 bits, both exact."""
+    values = np.asarray(values, np.int64)
+    return np.stack([values >> 16, values & 0xFFFF], axis=-1).astype(np.float32)
+
+
 class TextureFormat(enum.Enum):
     """name -> (channels, numpy dtype of a read-back)"""
 

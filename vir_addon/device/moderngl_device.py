@@ -6,6 +6,7 @@ glcontext ignores a failed eglMakeCurrent and leaves no context current on exit.
 
 from __future__ import annotations
 
+import ctypes
 import re
 import sys
 import threading
@@ -18,7 +19,6 @@ import numpy as np
 from ..core.errors import DeviceError
 from . import shader_source
 from .declaration import ComputeDeclaration, KernelDeclaration, RasterDeclaration
-from .fill import COVERING_TRIANGLE, FILL, signed_bits
 from .interface import (
     ComputeKernel,
     Device,
@@ -30,8 +30,10 @@ from .interface import (
     Texture,
     TextureFormat,
 )
+from .owned import Owned
 
 MINIMUM_OPENGL = 430
+GL_COLOR = 0x1800
 DRIVER_LINE = re.compile(r"\b0[:(](\d+)\b")
 """'0:7(10): error' of Mesa, '0(7) : error' of NVIDIA, 'ERROR: 0:7:' of others"""
 
@@ -55,22 +57,20 @@ class ModernglTexture(Texture):
 class ModernglMesh(DeviceMesh):
     def __init__(self, device: ModernglDevice, positions: np.ndarray, triangles: np.ndarray) -> None:
         self.device, self.triangle_count = device, len(triangles)
-        self.positions = device.context.buffer(np.ascontiguousarray(positions, np.float32))
-        self.triangles = device.context.buffer(np.ascontiguousarray(triangles, np.int32))
         self.vertex_arrays: dict[int, Any] = {}
+        with Owned() as owned:
+            self.positions = owned.own(device.context.buffer(np.ascontiguousarray(positions, np.float32)))
+            self.triangles = owned.own(device.context.buffer(np.ascontiguousarray(triangles, np.int32)))
+            self._owned = owned.pop_all()
 
     def vertex_array(self, program: Any) -> Any:
         if program.glo not in self.vertex_arrays:
             content = [(self.positions, "3f", "position_os")]
-            self.vertex_arrays[program.glo] = self.device.context.vertex_array(program, content, self.triangles)
+            self.vertex_arrays[program.glo] = self._owned.own(self.device.context.vertex_array(program, content, self.triangles))
         return self.vertex_arrays[program.glo]
 
     def release(self) -> None:
-        self.device.run(self._release)
-
-    def _release(self) -> None:
-        for thing in (*self.vertex_arrays.values(), self.positions, self.triangles):
-            thing.release()
+        self.device.run(self._owned.close)
 
 
 class ModernglTarget(RenderTarget):
@@ -177,10 +177,11 @@ class ModernglDevice(Device):
 
     def __init__(self) -> None:
         try:
+            import glcontext
             import moderngl
         except ImportError as error:
             raise DeviceError(f"the package moderngl is not installed ({error}); run: python -m pip install moderngl") from error
-        self.moderngl = moderngl
+        self.glcontext, self.moderngl = glcontext, moderngl
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="vir-opengl")
         self._kernels: dict[tuple[str, tuple[str, ...]], Any] = {}
         try:
@@ -191,10 +192,14 @@ class ModernglDevice(Device):
 
     def _open(self) -> None:
         self._thread_id = threading.get_ident()
-        # on Linux the default would be X11, which needs a display and replaces the context of a running Blender; elsewhere EGL is missing
-        settings: dict[str, Any] = {"backend": "egl"} if sys.platform == "linux" else {}
         try:
-            self.context = self.moderngl.create_context(standalone=True, require=MINIMUM_OPENGL, **settings)
+            # on Linux the default would be X11, which needs a display and replaces the context of a running Blender;
+            # elsewhere EGL is missing
+            if sys.platform == "linux":
+                native = self.glcontext.get_backend_by_name("egl")(mode="standalone", glversion=MINIMUM_OPENGL)
+            else:
+                native = self.glcontext.default_backend()(mode="standalone", glversion=MINIMUM_OPENGL)
+            self.context = self.moderngl.create_context(require=MINIMUM_OPENGL, standalone=True, context=native)
         except Exception as error:
             # glcontext raises bare Exceptions whose text is all there is to go by
             raise DeviceError(
@@ -204,7 +209,9 @@ class ModernglDevice(Device):
         info = self.context.info
         self.description = f"{info['GL_RENDERER']}, OpenGL {info['GL_VERSION']}"
         self.max_texture_size_px = int(info["GL_MAX_TEXTURE_SIZE"])
-        self._fill_triangle = ModernglMesh(self, COVERING_TRIANGLE, np.array([[0, 1, 2]]))
+        # moderngl clears with float colours only, which is undefined for unsigned textures; drawing or writing takes 4 to 7 times longer
+        clear = ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_uint))
+        self._clear_unsigned = clear(native.load("glClearBufferuiv"))
 
     def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
         if threading.get_ident() == self._thread_id:
@@ -249,10 +256,7 @@ class ModernglDevice(Device):
         else:
             framebuffer = self.context.framebuffer([texture.handle])
             framebuffer.use()
-            self.context.enable_only(self.moderngl.NOTHING)
-            kernel: ModernglRasterKernel = self._kernel(ModernglRasterKernel, FILL, ())
-            kernel.bindings.bind({"value": signed_bits(value)})
-            self._fill_triangle.vertex_array(kernel.program).render()
+            self._clear_unsigned(GL_COLOR, 0, (ctypes.c_uint * 4)(value, value, value, value))
         framebuffer.release()
         self.context.memory_barrier()
 

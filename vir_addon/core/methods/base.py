@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import abc
-import contextlib
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...device.interface import Device
+from ...device.interface import EMPTY_DEPTH_BITS, Device
+from ...device.owned import Owned
 from ..fit import FittedFace
 from ..passes.scene_data import SceneData
-from ..passes.shadow_maps import MAX_BATCH_VIEWS, DepthMaps, views_table
+from ..passes.shadow_maps import MAX_BATCH_VIEWS, RASTERIZE_CUT_OUTS, DepthMaps, views_table
 from ..scene import Light
 from ..settings import Settings
 from .shared import SharedByFaces
+
+if TYPE_CHECKING:
+    from .large_triangles import LargeTriangles
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,15 @@ class DepthMapMethod(abc.ABC):
         self.device: Device = job.scene_data.device
         self.portion_count = 1
         self.projection_flags = ["ORTHOGRAPHIC"] * job.fitted.views.is_orthographic
+        self.raster_flags = list(self.projection_flags)
+        """of what the rasterizer draws into the maps"""
+        is_cut_out = self.scene_data.cut_out[self.fitted.caster_indices]
+        self.opaque_indices = self.fitted.caster_indices[~is_cut_out]
+        """(n,) int64 casters without an opacity map"""
+        self.has_cut_outs = bool(is_cut_out.any())
+        self.large: LargeTriangles | None = None
+        """of methods whose kernels leave them to the rasterizer"""
+        self._cut_out_map_count = 0
 
     @property
     def caster_triangle_count(self) -> int:
@@ -71,6 +84,37 @@ class DepthMapMethod(abc.ABC):
         """What was prepared for the views so far, by the fields of `PassStatistics`."""
         return {}
 
+    def _begin(self, maps: DepthMaps, selected: range, views: np.ndarray) -> None:
+        """Clear the maps and draw what is not for kernels: the rasterizer knows only its own depths, while kernels keep the smaller one
+        of what is there. views: rows of `views_table` of the selected views"""
+        self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
+        large = self.large if self.large is not None and self.large.triangle_count else None
+        if large or self.has_cut_outs:
+            self.device.fill(maps.target.depth, 0)
+        if large:
+            large.rasterize(maps, selected, views)
+        self._rasterize_cut_outs(maps, selected, views)
+
+    def _rasterize_cut_outs(self, maps: DepthMaps, selected: range, table: np.ndarray) -> None:
+        """Draw the casters with an opacity map, whatever the method does with the others. Whatever the number of views, each map has
+        thresholds of its own. table: rows of `views_table` of the selected views"""
+        if not self.has_cut_outs or self.scene_data.opacity_maps is None:
+            return
+        kernel = self.device.raster_kernel(RASTERIZE_CUT_OUTS, *self.raster_flags)
+        views = self.fitted.views
+        bindings = {
+            "instances": self.scene_data.instances,
+            "face": self.face_table,
+            "views": table,
+            **self.scene_data.opacity_maps.bindings,
+        }
+        for index, view in enumerate(selected):
+            seen = self.fitted.caster_indices[self.fitted.seen_by_view[view]]
+            viewport = (0, index * views.map_height_px, views.map_width_px, views.map_height_px)
+            draws = self.scene_data.draws(seen[self.scene_data.cut_out[seen]])
+            kernel.draw(maps.target, viewport, draws, view_index=index, map_number=self._cut_out_map_count + index, **bindings)
+        self._cut_out_map_count += len(selected)
+
     def views_table(self, selected: range) -> np.ndarray:
         return views_table(self.fitted.views, selected)
 
@@ -81,7 +125,7 @@ class ReplayMethod(DepthMapMethod):
     def __init__(self, job: FaceJob) -> None:
         super().__init__(job)
         self._is_held = self._was_dropped = self._has_searched_hidden = False
-        self._cleanup = contextlib.ExitStack()
+        self._owned = Owned()
 
     @property
     @abc.abstractmethod
@@ -107,10 +151,10 @@ class ReplayMethod(DepthMapMethod):
 
     def _may_search_hidden(self, selected: range) -> bool:
         """Once, after a batch large enough to stand for all views, and only if there are others left to gain from it. What is made
-        again for every batch would be searched every time."""
+        again for every batch would be searched every time; what stands behind an opacity map is hidden in one batch and seen in another."""
         return (
-            self.settings.cull_hidden_points
-            and not (self._has_searched_hidden or self._was_dropped)
+            self.settings.cull_hidden
+            and not (self._has_searched_hidden or self._was_dropped or self.has_cut_outs)
             and len(selected) == MAX_BATCH_VIEWS < self.fitted.views.view_count
         )
 
@@ -118,4 +162,4 @@ class ReplayMethod(DepthMapMethod):
         self.shared.forget(self)
         if self._is_held:
             self.drop()
-        self._cleanup.close()
+        self._owned.close()

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from ..passes.shadow_maps import BUFFER_SMALL_TRIANGLES, SPLAT_SMALL_TRIANGLES, DepthMaps
+from ..passes.shadow_maps import BUFFER_SMALL_TRIANGLES, SPLAT_SMALL_TRIANGLES
 from ..settings import PointStorage
 from .base import FaceJob
 from .ivir import ImprovedViewIndependentRasterization
@@ -21,11 +19,13 @@ from .large_triangles import BYTES_PER_TRIANGLE, TEXELS_PER_TRIANGLE, LargeTrian
 class HybridRasterization(ImprovedViewIndependentRasterization):
     buffer_triangles = BUFFER_SMALL_TRIANGLES
     splat_triangles = SPLAT_SMALL_TRIANGLES
+    large: LargeTriangles
 
     def __init__(self, job: FaceJob, storage: PointStorage) -> None:
         super().__init__(job, storage)
         self.splat_flags.append("MIXED_MAPS")
-        self._large = LargeTriangles(self, "MIXED_MAPS")
+        self.raster_flags.append("MIXED_MAPS")
+        self.large = self._owned.own(LargeTriangles(self))
         self._has_listed = False
 
     def _prepare(self) -> None:
@@ -33,15 +33,14 @@ class HybridRasterization(ImprovedViewIndependentRasterization):
         if self.storage is PointStorage.BUFFERLESS:
             # the rasterizer comes before the first points: a buffer without room leaves only the list
             self._run_triangles(self.buffer_triangles, 0, self.work.group_count, points=self.tiles.texture, point_capacity=0)
-            self._cleanup.callback(self._large.release)
 
     @property
     def held_bytes(self) -> int:
-        return super().held_bytes + BYTES_PER_TRIANGLE * self._large.triangle_count
+        return super().held_bytes + BYTES_PER_TRIANGLE * self.large.triangle_count
 
     def _free(self) -> None:
         super()._free()
-        self._large.release()
+        self.large.release()
         self._has_listed = False
 
     def _large_outputs(self) -> dict[str, Any]:
@@ -58,13 +57,9 @@ class HybridRasterization(ImprovedViewIndependentRasterization):
         count = int(self.device.read(self.counters)[0, 3])
         if not self._fits(self.parts, TEXELS_PER_TRIANGLE, count):
             return False
-        self._large.add(self.parts, 0, count)
+        self.large.add(self.parts, 0, count)
         self._has_listed = True
         return True
 
-    def _clear(self, maps: DepthMaps, selected: range, views: np.ndarray) -> None:
-        super()._clear(maps, selected, views)
-        self._large.rasterize(maps, selected, views)
-
     def counts(self) -> dict[str, int]:
-        return {**super().counts(), "large_triangle_count": self._large.triangle_count}
+        return {**super().counts(), "large_triangle_count": self.large.triangle_count}

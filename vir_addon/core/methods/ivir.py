@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...device.declaration import ComputeDeclaration
-from ...device.interface import EMPTY_DEPTH_BITS
+from ...device.owned import Owned
 from ..passes.scene_data import WORK_GROUP_SIZE
 from ..passes.shadow_maps import (
     BUFFER_TILES,
@@ -94,8 +94,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         self._portions: list[_Portion] = []
 
     def _prepare(self) -> None:
-        self.work = self.scene_data.work_table(self.fitted.caster_indices, ~self.culled)
-        self._cleanup.callback(self.work.release)
+        self.work = self._owned.own(self.scene_data.work_table(self.opaque_indices, ~self.culled))
         if self.storage is PointStorage.BUFFERED:
             self._hold()
 
@@ -241,15 +240,11 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
 
     # batches
 
-    def _clear(self, maps: DepthMaps, selected: range, views: np.ndarray) -> None:
-        """Make the maps ready for points. views: rows of `views_table` of the selected views"""
-        self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
-
     def _fill(self, maps: DepthMaps, selected: range) -> None:
         if self.storage is PointStorage.BUFFERED:
             self._hold()
         views = self.views_table(selected)
-        self._clear(maps, selected, views)
+        self._begin(maps, selected, views)
         outputs = {"depth_maps": maps.texture, "views": views, "view_count": len(selected)}
         if self.storage is PointStorage.BUFFERLESS:
             self._run_triangles(self.splat_triangles, 0, self.work.group_count, **outputs)
@@ -270,26 +265,26 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
 
     def _keep_seen_points(self, maps: DepthMaps, selected: range) -> None:
         self._has_searched_hidden = True
-        kept = LinearStore(self.device, self.buffered_point_count)
-        self.device.fill(self.counters, 0)
-        self.device.compute_kernel(KEEP_SEEN_POINTS, *self.projection_flags).dispatch_linear(
-            self.buffered_point_count,
-            points=self.points.texture,
-            depth_maps=maps.texture,
-            kept_points=kept.texture,
-            counters=self.counters,
-            views=self.views_table(selected),
-            view_count=len(selected),
-            face=self.face_table,
-            point_count=self.buffered_point_count,
-        )
-        self.kept_point_count = int(self.device.read(self.counters)[0, 0])
-        if self.kept_point_count > WORTHWHILE_SHARE_KEPT * self.buffered_point_count:
-            kept.release()
-            self.kept_point_count = self.buffered_point_count
-            return
-        self.points.replace_by(kept)
-        self.buffered_point_count = self.kept_point_count
+        with Owned() as temporary:
+            kept = temporary.own(LinearStore(self.device, self.buffered_point_count))
+            self.device.fill(self.counters, 0)
+            self.device.compute_kernel(KEEP_SEEN_POINTS, *self.projection_flags).dispatch_linear(
+                self.buffered_point_count,
+                points=self.points.texture,
+                depth_maps=maps.texture,
+                kept_points=kept.texture,
+                counters=self.counters,
+                views=self.views_table(selected),
+                view_count=len(selected),
+                face=self.face_table,
+                point_count=self.buffered_point_count,
+            )
+            self.kept_point_count = int(self.device.read(self.counters)[0, 0])
+            if self.kept_point_count > WORTHWHILE_SHARE_KEPT * self.buffered_point_count:
+                self.kept_point_count = self.buffered_point_count
+                return
+            self.points.replace_by(kept)
+            self.buffered_point_count = self.kept_point_count
 
     def counts(self) -> dict[str, int]:
         return {"point_count": self.point_count, "kept_point_count": self.kept_point_count}

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...device.interface import DeviceMesh, Draw
+from ...device.owned import Owned
 from ..passes.shadow_maps import RASTERIZE_DEPTH, DepthMaps
 from .base import DepthMapMethod
 from .linear_store import LinearStore
@@ -42,10 +43,9 @@ class _PlacedTriangles:
 class LargeTriangles:
     """The large triangles of a face."""
 
-    def __init__(self, method: DepthMapMethod, *flags: str) -> None:
-        """flags: of RASTERIZE_DEPTH, beside those of the face's projection"""
+    def __init__(self, method: DepthMapMethod) -> None:
         self.method = method
-        self.flags = ("PLACED", *method.projection_flags, *flags)
+        self._owned = Owned()
         self._lists: list[_PlacedTriangles] = []
 
     @property
@@ -57,26 +57,23 @@ class LargeTriangles:
         if not count:
             return
         texel_count = TEXELS_PER_TRIANGLE * count
-        part = store.copied(first_texel, texel_count)
-        triangles = self.method.device.read(part.texture).reshape(-1, 4)[:texel_count].reshape(count, 3, 4)
-        part.release()
+        with Owned() as temporary:
+            part = temporary.own(store.copied(first_texel, texel_count))
+            triangles = self.method.device.read(part.texture).reshape(-1, 4)[:texel_count].reshape(count, 3, 4)
         instance = triangles[:, 0, 3].astype(np.int64)
         order = np.argsort(instance, kind="stable")
         corners = triangles[order][:, :, :3].reshape(-1, 3)
-        mesh = self.method.device.upload_mesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+        mesh = self._owned.own(self.method.device.upload_mesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3)))
         instances, first = np.unique(instance[order], return_index=True)
         self._lists.append(_PlacedTriangles(mesh, instances, first, np.diff(first, append=count)))
 
     def rasterize(self, maps: DepthMaps, selected: range, views: np.ndarray) -> None:
-        """Draw those of the instances that each view needs. Knows only its own depths, so it comes before whatever else fills the maps.
+        """Draw those of the instances that each view needs.
 
         views: rows of `views_table` of the selected views.
         """
-        if not self._lists:
-            return
         method, fitted = self.method, self.method.fitted
-        kernel = method.device.raster_kernel(RASTERIZE_DEPTH, *self.flags)
-        method.device.fill(maps.target.depth, 0)
+        kernel = method.device.raster_kernel(RASTERIZE_DEPTH, "PLACED", *method.raster_flags)
         width, height = fitted.views.map_width_px, fitted.views.map_height_px
         for index, view in enumerate(selected):
             seen = np.zeros(len(method.culled), bool)
@@ -87,6 +84,5 @@ class LargeTriangles:
             kernel.draw(maps.target, viewport, draws, **bindings)
 
     def release(self) -> None:
-        for placed in self._lists:
-            placed.mesh.release()
+        self._owned.close()
         self._lists = []

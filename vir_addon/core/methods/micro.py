@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from ...device.interface import EMPTY_DEPTH_BITS, TextureFormat
+from ...device.interface import TextureFormat
+from ...device.owned import Owned
 from ..passes.shadow_maps import GATHER_TRIANGLES, KEEP_SEEN_TRIANGLES, RASTERIZE_SMALL_TRIANGLES, DepthMaps
 from .base import FaceJob, ReplayMethod
 from .large_triangles import BYTES_PER_TRIANGLE, TEXELS_PER_TRIANGLE, LargeTriangles
@@ -37,6 +38,8 @@ class _Portion:
 
 
 class MicroTriangleRasterization(ReplayMethod):
+    large: LargeTriangles
+
     def __init__(self, job: FaceJob) -> None:
         super().__init__(job)
         self.seen_space = seen_space_bindings(job.fitted.views, job.light, job.samples_m)
@@ -44,16 +47,14 @@ class MicroTriangleRasterization(ReplayMethod):
         self.small_count = 0
         self.large_count = 0
         self.kept_count = 0
-        self._large = LargeTriangles(self)
+        self.large = LargeTriangles(self)
         self._portions: list[_Portion] = []
         self._gathered: _Portion | None = None
         self.capacity_limit = max(job.shared.budget_bytes // BYTES_PER_TRIANGLE, FIRST_CAPACITY)
 
     def _prepare(self) -> None:
-        self.work = self.scene_data.work_table(self.fitted.caster_indices, ~self.culled)
-        self.counters = self.device.create_texture(2, 1, TextureFormat.R32UI)
-        for resource in (self.work, self.counters):
-            self._cleanup.callback(resource.release)
+        self.work = self._owned.own(self.scene_data.work_table(self.opaque_indices, ~self.culled))
+        self.counters = self._owned.own(self.device.create_texture(2, 1, TextureFormat.R32UI))
         self._hold()
 
     def _make(self) -> None:
@@ -62,23 +63,23 @@ class MicroTriangleRasterization(ReplayMethod):
         self._is_held = True
         self._plan_portions()
         self.small_count = sum(portion.small_count for portion in self._portions)
-        self.large_count = self._large.triangle_count
+        self.large_count = self.large.triangle_count
         self.portion_count = len(self._portions)
 
     @property
     def held_bytes(self) -> int:
-        return BYTES_PER_TRIANGLE * (self._capacity + self._large.triangle_count)
+        return BYTES_PER_TRIANGLE * (self._capacity + self.large.triangle_count)
 
     def _free(self) -> None:
         self.triangles.release()
-        self._large.release()
+        self.large.release()
         self._gathered = None
         self._portions = []
 
     @property
     def _expected_triangle_count(self) -> int:
         """About half of a closed surface faces the light; two thirds leave room for one that leans towards it."""
-        casters = self.fitted.caster_indices
+        casters = self.opaque_indices
         counts = self.scene_data.triangle_counts[self.scene_data.snapshot.instances.mesh_index[casters]]
         return int(np.where(self.culled[casters], counts * 2 // 3 + 1, counts).sum())
 
@@ -92,7 +93,7 @@ class MicroTriangleRasterization(ReplayMethod):
                 first = portion.first_group
                 pending += [_Portion(first + half, portion.group_count - half), _Portion(first, half)]
                 continue
-            self._large.add(self.triangles, TEXELS_PER_TRIANGLE * (self._capacity - large_count), large_count)
+            self.large.add(self.triangles, TEXELS_PER_TRIANGLE * (self._capacity - large_count), large_count)
             self._gathered = _Portion(portion.first_group, portion.group_count, small_count)
             self._portions.append(self._gathered)
 
@@ -130,11 +131,9 @@ class MicroTriangleRasterization(ReplayMethod):
 
     def _fill(self, maps: DepthMaps, selected: range) -> None:
         self._hold()
-        self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
         views = self.views_table(selected)
         batch = {"views": views, "view_count": len(selected), "face": self.face_table}
-        # the rasterizer first: it knows only its own depths, while the kernel keeps the smaller one of what is there
-        self._large.rasterize(maps, selected, views)
+        self._begin(maps, selected, views)
         for portion in self._gathered_portions():
             self.device.compute_kernel(RASTERIZE_SMALL_TRIANGLES, *self.flags).dispatch_linear(
                 portion.small_count,
@@ -160,25 +159,25 @@ class MicroTriangleRasterization(ReplayMethod):
         """Put what the batch's views are near to seeing of all portions into one list, if that has room for it."""
         self._has_searched_hidden = True
         capacity = min(self.small_count, self.capacity_limit)
-        kept = LinearStore(self.device, TEXELS_PER_TRIANGLE * capacity)
-        kept_count = 0
-        for portion in self._gathered_portions():
-            self.device.fill(self.counters, kept_count)
-            self.device.compute_kernel(KEEP_SEEN_TRIANGLES, *self.flags).dispatch_linear(
-                portion.small_count,
-                gathered_triangles=self.triangles.texture,
-                kept_triangles=kept.texture,
-                depth_maps=maps.texture,
-                counters=self.counters,
-                triangle_count=portion.small_count,
-                triangle_capacity=capacity,
-                **batch,
-            )
-            kept_count = int(self.device.read(self.counters)[0, 0])
-        if kept_count > capacity:
-            kept.release()
-            return
-        self.triangles.replace_by(kept)
+        with Owned() as temporary:
+            kept = temporary.own(LinearStore(self.device, TEXELS_PER_TRIANGLE * capacity))
+            kept_count = 0
+            for portion in self._gathered_portions():
+                self.device.fill(self.counters, kept_count)
+                self.device.compute_kernel(KEEP_SEEN_TRIANGLES, *self.flags).dispatch_linear(
+                    portion.small_count,
+                    gathered_triangles=self.triangles.texture,
+                    kept_triangles=kept.texture,
+                    depth_maps=maps.texture,
+                    counters=self.counters,
+                    triangle_count=portion.small_count,
+                    triangle_capacity=capacity,
+                    **batch,
+                )
+                kept_count = int(self.device.read(self.counters)[0, 0])
+            if kept_count > capacity:
+                return
+            self.triangles.replace_by(kept)
         # other faces may need the memory of what is no longer in it
         self.triangles.replace_by(self.triangles.copied(0, max(TEXELS_PER_TRIANGLE * kept_count, 1)))
         self._gathered = _Portion(0, self.work.group_count, kept_count)

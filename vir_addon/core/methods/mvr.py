@@ -13,7 +13,7 @@ from .base import DepthMapMethod
 
 class MultiviewRasterization(DepthMapMethod):
     def _fill(self, maps: DepthMaps, selected: range) -> None:
-        kernel = self.device.raster_kernel(RASTERIZE_DEPTH, *self.projection_flags)
+        kernel = self.device.raster_kernel(RASTERIZE_DEPTH, *self.raster_flags)
         target = maps.target
         self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
         self.device.fill(target.depth, 0)
@@ -22,5 +22,6 @@ class MultiviewRasterization(DepthMapMethod):
         for index, view in enumerate(selected):
             seen = self.fitted.caster_indices[self.fitted.seen_by_view[view]]
             viewport = (0, index * views.map_height_px, views.map_width_px, views.map_height_px)
-            draws = self.scene_data.draws(seen, self.culled)
+            draws = self.scene_data.draws(seen[~self.scene_data.cut_out[seen]], self.culled)
             kernel.draw(target, viewport, draws, instances=self.scene_data.instances, face=self.face_table, views=table, view_index=index)
+        self._rasterize_cut_outs(maps, selected, table)

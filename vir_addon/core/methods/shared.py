@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Protocol
 
 from ...device.interface import Device, TextureFormat
+from ...device.owned import Owned
 from ..settings import Settings
 from .linear_store import LinearStore
 
@@ -31,35 +32,37 @@ class PointScratch:
     """Lists of `ivir` that live while points are made."""
 
     def __init__(self, device: Device) -> None:
-        self.counters = device.create_texture(4, 1, TextureFormat.R32UI)
-        self.tiles = LinearStore(device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY)
-        self.parts = LinearStore(device, TEXELS_PER_TILE * FIRST_PART_CAPACITY)
+        with Owned() as owned:
+            self.counters = owned.own(device.create_texture(4, 1, TextureFormat.R32UI))
+            self.tiles = owned.own(LinearStore(device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY))
+            self.parts = owned.own(LinearStore(device, TEXELS_PER_TILE * FIRST_PART_CAPACITY))
+            self._owned = owned.pop_all()
 
     def release(self) -> None:
-        for store in (self.counters, self.tiles, self.parts):
-            store.release()
+        self._owned.close()
 
 
 class SourceTarget:
     """What the rasterizer draws parts of the source views of `vwss` into. Nobody looks at it: what counts is what fragments store."""
 
     def __init__(self, device: Device) -> None:
-        self.color = device.create_texture(SOURCE_PART_PX, SOURCE_PART_PX, TextureFormat.R32UI)
-        self.depth = device.create_texture(SOURCE_PART_PX, SOURCE_PART_PX, TextureFormat.DEPTH32F)
-        self.target = device.create_target(self.color, self.depth)
+        with Owned() as owned:
+            color = owned.own(device.create_texture(SOURCE_PART_PX, SOURCE_PART_PX, TextureFormat.R32UI))
+            depth = owned.own(device.create_texture(SOURCE_PART_PX, SOURCE_PART_PX, TextureFormat.DEPTH32F))
+            self.target = owned.own(device.create_target(color, depth))
+            self._owned = owned.pop_all()
 
     def release(self) -> None:
-        for thing in (self.target, self.color, self.depth):
-            thing.release()
+        self._owned.close()
 
 
 class SharedByFaces:
-    """`Settings.point_buffer_mib` is for all lights together. What does not fit beside what other faces keep pushes out what was used
+    """`Settings.replay_buffer_mib` is for all lights together. What does not fit beside what other faces keep pushes out what was used
     last before it: faces take turns, so those used longest ago are needed next."""
 
     def __init__(self, device: Device, settings: Settings) -> None:
         self.device = device
-        self.budget_bytes = settings.point_buffer_mib << 20
+        self.budget_bytes = settings.replay_buffer_mib << 20
         self._keepers: list[ReplayKeeper] = []
         """those that hold something, the one used last at the end"""
 

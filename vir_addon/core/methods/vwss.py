@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ...device.interface import EMPTY_DEPTH_BITS, TextureFormat
+from ...device.interface import TextureFormat
 from ..passes.shadow_maps import BUFFER_FRAGMENTS, SPLAT_FRAGMENTS, SPLAT_POINTS, DepthMaps
 from ..settings import PointStorage
 from ..views import FaceViews
@@ -121,9 +121,8 @@ class ViewWarpedSoftShadows(ReplayMethod):
         self._portions: list[list[_Part]] = []
 
     def _prepare(self) -> None:
-        self.draws = self.scene_data.draws(self.fitted.caster_indices, None if self.settings.back_faces else self.culled)
-        self.counters = self.device.create_texture(1, 1, TextureFormat.R32UI)
-        self._cleanup.callback(self.counters.release)
+        self.draws = self.scene_data.draws(self.opaque_indices, None if self.settings.back_faces else self.culled)
+        self.counters = self._owned.own(self.device.create_texture(1, 1, TextureFormat.R32UI))
         if self.storage is PointStorage.BUFFERED:
             self._hold()
 
@@ -186,8 +185,8 @@ class ViewWarpedSoftShadows(ReplayMethod):
     # batches
 
     def _fill(self, maps: DepthMaps, selected: range) -> None:
-        self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
         table, at_once = self.views_table(selected), self.settings.views_per_thread
+        self._begin(maps, selected, table)
         groups = [table[2 * first : 2 * (first + at_once)] for first in range(0, len(selected), at_once)]
         outputs = [{"depth_maps": maps.texture, "views": views, "view_count": len(views) // 2} for views in groups]
         if self.storage is PointStorage.BUFFERLESS:

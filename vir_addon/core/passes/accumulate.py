@@ -8,9 +8,10 @@ import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
 from ...device.interface import Device, Texture, TextureFormat
-from .tiles import Tiles
+from ...device.owned import Owned
+from .tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
 
-TILE_PX = 16
+ERROR_TILE_PX = 16
 MIN_SETTLING_VIEWS = 16
 MIN_SETTLING_BATCHES = 2
 """What so many well-distributed light samples and sub-pixel offsets see alike is taken to be alike."""
@@ -46,15 +47,15 @@ PASS_STATES = ComputeDeclaration(
     constants={**SIZE_CONSTANTS, "batch_count": Constant("int", "batches in the sums")},
 )
 
-SETTLE_PIXELS = ComputeDeclaration(
-    name="settle_pixels",
-    text="finds the pixels that need not be looked up any more",
-    source="settle_pixels.comp.glsl",
+SETTLE_TILES = ComputeDeclaration(
+    name="settle_tiles",
+    text="finds the tiles that need not be looked up any more",
+    source="settle_tiles.comp.glsl",
     local_size=(8, 8, 1),
     textures={"states": Sampled("usampler2D", "one bit a state")},
-    images={"settled": Stored("R32UI", "write", "1 where later batches will find the same")},
+    images={"tile_states": Stored("R32UI", "write", "the state of all of a tile and around it; 0 where there are several")},
     constants=SIZE_CONSTANTS,
-    defines={"SETTLE_RADIUS_PX": SETTLE_RADIUS_PX},
+    defines={"SETTLE_RADIUS_PX": SETTLE_RADIUS_PX, "TILE_PX": TILE_PX},
 )
 
 
@@ -64,61 +65,95 @@ class PassAccumulator:
     def __init__(self, device: Device, width: int, height: int) -> None:
         self.device, self.width, self.height = device, width, height
         zeros = np.zeros((height, width, 4), np.float32)
-        self.moments, self.coverage = device.upload_texture(zeros), device.upload_texture(zeros)
-        self.tiles = Tiles(device, np.ones((height, width), bool))
-        """what is still looked up"""
+        rows, columns = grid_shape(width, height)
+        self.tile_states = np.zeros((rows, columns), np.uint32)
+        """of settled tiles; 0: looked up"""
+        self._repeats = np.ones((rows, columns))
+        """how many batches each batch in a tile's sums stands for, once this batch's faces are through"""
+        with Owned() as owned:
+            self.moments, self.coverage = owned.own(device.upload_texture(zeros)), owned.own(device.upload_texture(zeros))
+            self.disagreeing = owned.own(device.create_texture(columns, rows, TextureFormat.R32UI))
+            """set by probes for settled tiles that are not what they were"""
+            self._owned = owned.pop_all()
         self.batch_count = 0
         self.settled_batch_count = 0
-        """batches in the sums of pixels that are not looked up any more; 0 as long as all are"""
+        """batches in the sums of settled tiles; 0 as long as none were looked for"""
+
+    @property
+    def looked_up(self) -> np.ndarray:
+        """(rows, columns) bool"""
+        return self.tile_states == 0
+
+    def begin_batch(self) -> None:
+        self.batch_count += 1
+        self._repeats[:] = 1
+
+    def tiles_to_look_up(self, turns: np.ndarray) -> Tiles:
+        """For RESOLVE. turns: (rows, columns) as of TURN_DEFINES, -1 for tiles without one"""
+        return Tiles(self.device, self.looked_up & (turns >= 0), np.stack([turns, self._repeats], axis=-1))
+
+    def tiles_to_probe(self, wanted: np.ndarray) -> Tiles:
+        """Settled ones, for RESOLVE with PROBES. wanted: (rows, columns) bool"""
+        return Tiles(self.device, ~self.looked_up & wanted, np.stack([self.tile_states, self._repeats], axis=-1))
 
     def settle(self, positions: Texture, normals: Texture) -> None:
         """Leave tiles out of later batches that lie in the middle of what is wholly lit, dark or background so far.
 
         positions, normals: of the latest eye G-buffer. Surfaces that meet or pass each other are looked up on.
         """
-        states = self.device.create_texture(self.width, self.height, TextureFormat.R32UI)
-        settled = self.device.create_texture(self.width, self.height, TextureFormat.R32UI)
+        rows, columns = self.tile_states.shape
         size = {"width": self.width, "height": self.height}
-        groups = (-(-self.width // 8), -(-self.height // 8), 1)
-        self.device.compute_kernel(PASS_STATES).dispatch(
-            groups,
-            moments=self.moments,
-            coverage=self.coverage,
-            positions=positions,
-            normals=normals,
-            states=states,
-            batch_count=self.batch_count,
-            **size,
-        )
-        self.device.compute_kernel(SETTLE_PIXELS).dispatch(groups, states=states, settled=settled, **size)
-        unsettled = self.device.read(settled) == 0
-        for texture in (states, settled, self.tiles):
-            texture.release()
-        self.tiles = Tiles(self.device, unsettled)
+        groups = (-(-columns // 8), -(-rows // 8), 1)
+        with Owned() as temporary:
+            states = temporary.own(self.device.create_texture(self.width, self.height, TextureFormat.R32UI))
+            tile_states = temporary.own(self.device.create_texture(columns, rows, TextureFormat.R32UI))
+            self.device.compute_kernel(PASS_STATES).dispatch(
+                (columns, rows, 1),
+                moments=self.moments,
+                coverage=self.coverage,
+                positions=positions,
+                normals=normals,
+                states=states,
+                batch_count=self.batch_count,
+                **size,
+            )
+            self.device.compute_kernel(SETTLE_TILES).dispatch(groups, states=states, tile_states=tile_states, **size)
+            self.tile_states = self.device.read(tile_states)
         self.settled_batch_count = self.batch_count
+
+    def reopen(self) -> np.ndarray:
+        """Look tiles up again that the probes of this batch found changed, and those around them.
+
+        The batches that they were left out of count as found by probes: as they were. Returns (rows, columns) bool, the tiles.
+        """
+        reopened = with_neighbours(self.device.read(self.disagreeing) > 0) & ~self.looked_up
+        if reopened.any():
+            self.tile_states = np.where(reopened, 0, self.tile_states).astype(np.uint32)
+            self._repeats[reopened] = (self.batch_count - 1) / self.settled_batch_count
+        return reopened
 
     @property
     def settled_share(self) -> float:
-        """of the pixels"""
-        return 1 - float(self.tiles.wanted_px.mean())
+        """of the tiles"""
+        return 1 - float(self.looked_up.mean())
 
     def compute_error(self) -> float:
         """RMS over lit pixels of the standard error, from the spread between batches. Batches are stratified together, so the
         true error of their mean is smaller. Infinite before there are two batches."""
         if self.batch_count < 2:
             return math.inf
-        tiles = (-(-self.width // TILE_PX), -(-self.height // TILE_PX))
-        sums_texture = self.device.create_texture(*tiles, TextureFormat.RGBA32F)
-        self.device.compute_kernel(PASS_ERROR).dispatch(
-            (-(-tiles[0] // 8), -(-tiles[1] // 8), 1),
-            moments=self.moments,
-            coverage=self.coverage,
-            tile_sums=sums_texture,
-            width=self.width,
-            height=self.height,
-        )
-        sums = self.device.read(sums_texture).astype(np.float64)
-        sums_texture.release()
+        tiles = (-(-self.width // ERROR_TILE_PX), -(-self.height // ERROR_TILE_PX))
+        with Owned() as temporary:
+            sums_texture = temporary.own(self.device.create_texture(*tiles, TextureFormat.RGBA32F))
+            self.device.compute_kernel(PASS_ERROR).dispatch(
+                (-(-tiles[0] // 8), -(-tiles[1] // 8), 1),
+                moments=self.moments,
+                coverage=self.coverage,
+                tile_sums=sums_texture,
+                width=self.width,
+                height=self.height,
+            )
+            sums = self.device.read(sums_texture).astype(np.float64)
         squared, count = sums[..., 0].sum(), sums[..., 1].sum()
         correction = self.batch_count / (self.batch_count - 1)
         return math.sqrt(correction * squared / count) if count else 0.0
@@ -127,13 +162,12 @@ class PassAccumulator:
         """(height, width) float32 each: shadowed, delivered (per batch), and the share of eye samples that saw a surface"""
         moments = self.device.read(self.moments)
         surfaces = self.device.read(self.coverage)[..., 1]
-        batches = np.where(self.tiles.wanted_px, max(self.batch_count, 1), max(self.settled_batch_count, 1)).astype(np.float32)
+        tile_batches = np.where(self.looked_up, max(self.batch_count, 1), max(self.settled_batch_count, 1))
+        batches = spread_to_pixels(tile_batches, self.width, self.height).astype(np.float32)
         return moments[..., 0] / batches, moments[..., 1] / batches, surfaces / batches
 
     def release(self) -> None:
-        self.moments.release()
-        self.tiles.release()
-        self.coverage.release()
+        self._owned.close()
 
 
 def pass_image(shadowed: np.ndarray, delivered: np.ndarray, surface_share: np.ndarray) -> np.ndarray:

@@ -7,15 +7,18 @@ serves nine offsets, which are moved to the nearest of its samples (by at most a
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table, Varying
 from ...device.interface import Device, TextureFormat
+from ...device.owned import Owned
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera, SceneSnapshot
+from .opacity_maps import OPACITY_DEFINES, OPACITY_TEXTURES, OPACITY_VARYINGS
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
-from .tiles import TILE_CONSTANTS, TILE_PX, TILE_TEXTURES, Tiles
+from .tiles import PROBES_FLAG, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, TileSplit, grid_shape
 
 SAMPLES_PER_PX = (3, 2, 1)
 """visibility samples along a pixel's side: the first that MAX_VISIBILITY_TEXELS allows"""
@@ -36,6 +39,22 @@ VISIBILITY = RasterDeclaration(
     output_name="visible",
     output_type="uvec2",
     defines=SCENE_DEFINES,
+)
+
+VISIBILITY_OF_CUT_OUTS = RasterDeclaration(
+    name="visibility_of_cut_outs",
+    text="rasterizes instance and triangle numbers of what has an opacity map",
+    vertex_source=VISIBILITY.vertex_source,
+    fragment_source=VISIBILITY.fragment_source,
+    textures={**VISIBILITY.textures, **OPACITY_TEXTURES},
+    constants={
+        **VISIBILITY.constants,
+        "rasterization": Constant("int", "its number, below 16: each has thresholds of its own"),
+    },
+    varyings={**VISIBILITY.varyings, **OPACITY_VARYINGS},
+    output_name=VISIBILITY.output_name,
+    output_type=VISIBILITY.output_type,
+    defines={**SCENE_DEFINES, **OPACITY_DEFINES},
 )
 
 SURFACE = ComputeDeclaration(
@@ -63,7 +82,8 @@ SURFACE = ComputeDeclaration(
         "sample_y": Constant("int", "the same in y"),
     },
     tables={"eye": Table(5, "from the eye to the image plane at pixel (0, 0), steps a pixel in x and y, eye (w: orthographic), direction")},
-    defines=SCENE_DEFINES,
+    flags=PROBES_FLAG,
+    defines={**SCENE_DEFINES, **TILE_DEFINES},
 )
 
 
@@ -96,18 +116,24 @@ class EyePass:
                 break
         self.visibility_index, self.base_offsets_px, self.samples = share_visibility(offsets_px, self.samples_per_px)
         self._current_visibility = -1
-        self.visibility = device.create_texture(*self._visibility_size, TextureFormat.RG32UI)
-        self.depth = device.create_texture(*self._visibility_size, TextureFormat.DEPTH32F)
-        self.target = device.create_target(self.visibility, self.depth)
-        self.positions = device.create_texture(*self.size, TextureFormat.RGBA32F)
-        self.normals = device.create_texture(*self.size, TextureFormat.RGBA32F)
-        self.tiles = Tiles(device, np.ones((snapshot.height_px, snapshot.width_px), bool))
+        self._index = 0
         self.rasterize = device.raster_kernel(VISIBILITY)
-        self.surface = device.compute_kernel(SURFACE)
+        self.surface, self.surface_probes = device.compute_kernel(SURFACE), device.compute_kernel(SURFACE, "PROBES")
         # an orthographic camera sees from infinitely far away, as far as culling can tell: everything is drawn
         eye_ws = snapshot.camera.world_from_view[None, :3, 3]
         culled = None if snapshot.camera.is_orthographic else cullable_instances(snapshot, bounds, eye_ws)
-        self.draws = scene_data.draws(np.flatnonzero(snapshot.instances.visible_to_camera), culled)
+        visible = snapshot.instances.visible_to_camera
+        self.draws = scene_data.draws(np.flatnonzero(visible & ~scene_data.cut_out), culled)
+        self.cut_out_draws = scene_data.draws(np.flatnonzero(visible & scene_data.cut_out))
+        with Owned() as owned:
+            self.visibility = owned.own(device.create_texture(*self._visibility_size, TextureFormat.RG32UI))
+            self.depth = owned.own(device.create_texture(*self._visibility_size, TextureFormat.DEPTH32F))
+            self.target = owned.own(device.create_target(self.visibility, self.depth))
+            self.positions = owned.own(device.create_texture(*self.size, TextureFormat.RGBA32F))
+            self.normals = owned.own(device.create_texture(*self.size, TextureFormat.RGBA32F))
+            self.tiles = TileSplit(device, np.ones(grid_shape(*self.size), bool))
+            """walked: what some light still looks up"""
+            self._owned = owned.pop_all()
 
     @property
     def _visibility_size(self) -> tuple[int, int]:
@@ -117,35 +143,50 @@ class EyePass:
             self.samples_per_px * (height + 2 * self.margin_px),
         )
 
-    def render(self, index: int) -> None:
-        """The G-buffer of the offset with this number, in the tiles of `tiles`; elsewhere it keeps what it has."""
-        base = self.base_offsets_px[self.visibility_index[index]]
+    def render(self, index: int, batch: int) -> None:
+        """The G-buffer of the offset with this number, in the wanted tiles and at the batch's probes of all others; elsewhere it keeps
+        what it has."""
+        self._index = index
         if self.visibility_index[index] != self._current_visibility:
-            self._rasterize(base + 0.5 - 0.5 / self.samples_per_px)
             self._current_visibility = int(self.visibility_index[index])
+            base = self.base_offsets_px[self._current_visibility]
+            self._rasterize(base + 0.5 - 0.5 / self.samples_per_px, self._current_visibility)
+        bindings = self._surface_bindings()
+        self.tiles.walked.dispatch(self.surface, **bindings)
+        self.tiles.probed.dispatch_probes(self.surface_probes, batch, **bindings)
+
+    def want_only(self, wanted: np.ndarray) -> None:
+        """From now on render these tiles only, (rows, columns) bool."""
+        self.tiles = self.tiles.replaced(wanted)
+
+    def want_also(self, added: np.ndarray) -> None:
+        """Render these tiles as well, from this batch on, (rows, columns) bool."""
+        missing = added & ~self.tiles.is_walked
+        if missing.any():
+            with Owned() as temporary:
+                temporary.own(Tiles(self.device, missing)).dispatch(self.surface, **self._surface_bindings())
+            self.want_only(self.tiles.is_walked | missing)
+
+    def _surface_bindings(self) -> dict[str, Any]:
         width, height = self.size
-        self.tiles.dispatch(
-            self.surface,
+        sample = self.samples[self._index]
+        base = self.base_offsets_px[self.visibility_index[self._index]]
+        return {
             **self.scene_data.bindings,
-            corner_normals=self.scene_data.corner_normals,
-            visibility=self.visibility,
-            positions=self.positions,
-            normals=self.normals,
-            width=width,
-            height=height,
-            margin_px=self.margin_px,
-            samples_per_px=self.samples_per_px,
-            sample_x=int(self.samples[index, 0]),
-            sample_y=int(self.samples[index, 1]),
-            eye=self._eye_table(base + self.samples[index] / self.samples_per_px),
-        )
+            "corner_normals": self.scene_data.corner_normals,
+            "visibility": self.visibility,
+            "positions": self.positions,
+            "normals": self.normals,
+            "width": width,
+            "height": height,
+            "margin_px": self.margin_px,
+            "samples_per_px": self.samples_per_px,
+            "sample_x": int(sample[0]),
+            "sample_y": int(sample[1]),
+            "eye": self._eye_table(base + sample / self.samples_per_px),
+        }
 
-    def keep_only(self, wanted: np.ndarray) -> None:
-        """From now on render only tiles that hold a wanted pixel, (height, width) bool."""
-        self.tiles.release()
-        self.tiles = Tiles(self.device, wanted)
-
-    def _rasterize(self, shift_px: np.ndarray) -> None:
+    def _rasterize(self, shift_px: np.ndarray, visibility_number: int) -> None:
         """shift_px: (2,) from a pixel's centre to the middle between its samples"""
         width, height = self.size
         scale = np.eye(4)
@@ -155,13 +196,19 @@ class EyePass:
         projection = clip_from_view(self.camera, self.camera.clip_start_m, self.camera.clip_end_m)
         self.device.fill(self.visibility, 0)
         self.device.fill(self.depth, 0)
-        self.rasterize.draw(
-            self.target,
-            (0, 0, *self._visibility_size),
-            self.draws,
-            clip_from_world=scale @ projection @ np.linalg.inv(self.camera.world_from_view),
-            instances=self.scene_data.instances,
-        )
+        viewport = (0, 0, *self._visibility_size)
+        clip_from_world = scale @ projection @ np.linalg.inv(self.camera.world_from_view)
+        bindings = {"clip_from_world": clip_from_world, "instances": self.scene_data.instances}
+        self.rasterize.draw(self.target, viewport, self.draws, **bindings)
+        if self.scene_data.opacity_maps is not None:
+            self.device.raster_kernel(VISIBILITY_OF_CUT_OUTS).draw(
+                self.target,
+                viewport,
+                self.cut_out_draws,
+                **bindings,
+                **self.scene_data.opacity_maps.bindings,
+                rasterization=visibility_number,
+            )
 
     def _eye_table(self, offset_px: np.ndarray) -> np.ndarray:
         """(5, 4) rows of the table `eye`"""
@@ -178,9 +225,8 @@ class EyePass:
         return table
 
     def release(self) -> None:
-        for texture in (self.visibility, self.depth, self.positions, self.normals, self.tiles):
-            texture.release()
-        self.target.release()
+        self.tiles.release()
+        self._owned.close()
 
 
 def share_visibility(offsets_px: np.ndarray, samples_per_px: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -5,6 +5,7 @@
     corner_normals    one texel a triangle: three packed normals; only of meshes whose corners differ
     instances         INSTANCE_TEXELS texels an instance: three rows of world_from_object; vertex and triangle base;
                       corner base, shading kind, orientation; stable id
+What has an opacity map stands in `opacity_maps.OpacityMaps` besides, which exists only if something has.
 Integers are floats here (Blender uploads only floats), those that may exceed 2^24 split into high and low 16 bits.
 """
 
@@ -15,8 +16,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...device.declaration import Sampled
-from ...device.interface import Device, DeviceMesh, Draw, Texture
+from ...device.interface import Device, DeviceMesh, Draw, Texture, split_integers
+from ...device.owned import Owned
 from ..scene import Mesh, SceneSnapshot
+from .opacity_maps import OpacityMaps
 
 INSTANCE_TEXELS = 6
 SHADING_FLAT, SHADING_POINT, SHADING_CORNER = 0, 1, 2
@@ -41,12 +44,6 @@ def pack_directions(directions: np.ndarray) -> np.ndarray:
     return (q[..., 0] * 4096 + q[..., 1]).astype(np.float32)
 
 
-def split_integers(values: np.ndarray) -> np.ndarray:
-    """(...) non-negative integers -> (..., 2) float32: high and low 16 bits, both exact."""
-    values = np.asarray(values, np.int64)
-    return np.stack([values >> 16, values & 0xFFFF], axis=-1).astype(np.float32)
-
-
 def _shading_of(mesh: Mesh) -> int:
     if mesh.corner_normals_os is not None:
         return SHADING_CORNER
@@ -69,10 +66,16 @@ class SceneData:
         )
         self.shading = np.array([_shading_of(mesh) for mesh in meshes], np.int64)
         self.orientation = np.where(np.linalg.det(snapshot.instances.world_from_object[:, :3, :3].astype(np.float64)) < 0, -1.0, 1.0)
-        self.vertices = device.upload_array(self._vertex_rows())
-        self.triangles = device.upload_array(self._triangle_rows())
-        self.corner_normals = device.upload_array(self._corner_rows())
-        self.instances = device.upload_array(self._instance_rows())
+        is_cut_out = np.array([mesh.opacity_map is not None for mesh in meshes], bool)
+        self.cut_out = is_cut_out[snapshot.instances.mesh_index]
+        """(instance_count,) bool: instances with an opacity map"""
+        with Owned() as owned:
+            self.vertices = owned.own(device.upload_array(self._vertex_rows()))
+            self.triangles = owned.own(device.upload_array(self._triangle_rows()))
+            self.corner_normals = owned.own(device.upload_array(self._corner_rows()))
+            self.instances = owned.own(device.upload_array(self._instance_rows()))
+            self.opacity_maps = owned.own(OpacityMaps(snapshot, device)) if is_cut_out.any() else None
+            self._owned = owned.pop_all()
 
     def _vertex_rows(self) -> np.ndarray:
         rows = np.zeros((int(self.vertex_bases[-1]), 4), np.float32)
@@ -116,7 +119,7 @@ class SceneData:
     def drawable(self, mesh_index: int) -> DeviceMesh:
         if mesh_index not in self._drawables:
             mesh = self.snapshot.meshes[mesh_index]
-            self._drawables[mesh_index] = self.device.upload_mesh(mesh.positions_os, mesh.triangles)
+            self._drawables[mesh_index] = self._owned.own(self.device.upload_mesh(mesh.positions_os, mesh.triangles))
         return self._drawables[mesh_index]
 
     def draws(self, instance_indices: np.ndarray, culled: np.ndarray | None = None) -> list[Draw]:
@@ -156,10 +159,7 @@ class SceneData:
         return WorkTable(self.device.upload_array(rows), len(rows), int(counts.sum()))
 
     def release(self) -> None:
-        for texture in (self.vertices, self.triangles, self.corner_normals, self.instances):
-            texture.release()
-        for mesh in self._drawables.values():
-            mesh.release()
+        self._owned.close()
 
 
 class WorkTable:

@@ -12,10 +12,12 @@ import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table, Varying
 from ...device.interface import Device, RenderTarget, Texture, TextureFormat
+from ...device.owned import Owned
 from ..scene import Light
 from ..views import FaceViews, light_axes
+from .opacity_maps import OPACITY_DEFINES, OPACITY_TEXTURES, OPACITY_VARYINGS
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, WORK_GROUP_SIZE
-from .tiles import TILE_CONSTANTS, TILE_PX, TILE_TEXTURES
+from .tiles import PROBES_FLAG, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES
 
 MAX_BATCH_VIEWS = 8
 """Maps that exist at the same time. More would leave the caches: 64 at once took up to 4 times longer a look-up."""
@@ -54,6 +56,21 @@ RASTERIZE_DEPTH = RasterDeclaration(
     output_type="uint",
     flags={**ORTHOGRAPHIC_FLAG, **MIXED_MAPS_FLAG, "PLACED": "the vertices are in face space already"},
     defines=SCENE_DEFINES,
+)
+
+RASTERIZE_CUT_OUTS = RasterDeclaration(
+    name="depth_map_cut_outs",
+    text="rasterizes linear depth of what has an opacity map",
+    vertex_source=RASTERIZE_DEPTH.vertex_source,
+    fragment_source=RASTERIZE_DEPTH.fragment_source,
+    textures={**RASTERIZE_DEPTH.textures, **OPACITY_TEXTURES},
+    constants={**RASTERIZE_DEPTH.constants, "map_number": Constant("int", "maps drawn before this one; each has thresholds of its own")},
+    tables=RASTERIZE_DEPTH.tables,
+    varyings=OPACITY_VARYINGS,
+    output_name=RASTERIZE_DEPTH.output_name,
+    output_type=RASTERIZE_DEPTH.output_type,
+    flags={**ORTHOGRAPHIC_FLAG, **MIXED_MAPS_FLAG},
+    defines={**SCENE_DEFINES, **OPACITY_DEFINES},
 )
 
 FRONT_FACE = "all views lie in the plane that the face looks away from"
@@ -321,6 +338,29 @@ RASTERIZE_SMALL_TRIANGLES = ComputeDeclaration(
     flags={**ORTHOGRAPHIC_FLAG, "FRONT_FACE": FRONT_FACE},
 )
 
+TILE_FACES = ComputeDeclaration(
+    name="tile_faces",
+    text="finds the faces of a light's cube that each tile of the picture needs",
+    source="tile_faces.comp.glsl",
+    local_size=(8, 8, 1),
+    textures={"positions": Sampled("sampler2D", "position (world space) and instance number, -1 for the background")},
+    images={"tile_faces": Stored("R32UI", "write", "a bit a face")},
+    constants={
+        "width": Constant("int", "of the picture, pixels"),
+        "height": Constant("int", "of the picture, pixels"),
+        "view_count": VIEW_COUNT,
+    },
+    tables={"face": FACE_TABLE, "samples": SAMPLES_TABLE},
+    defines={"TILE_PX": TILE_PX},
+)
+
+LATE_FACES = 0x3F
+FIRST_FACE = 0x40
+LAST_FACE = 0x80
+TURN_DEFINES = {"LATE_FACES": LATE_FACES, "FIRST_FACE": FIRST_FACE, "LAST_FACE": LAST_FACE}
+"""What RESOLVE knows of a tile's turn in a batch: faces before this one that count as they did before, and whether it begins or ends the
+batch's sums."""
+
 RESOLVE = ComputeDeclaration(
     name="resolve",
     text="looks visible surfaces up in the maps of a batch and accumulates the pass",
@@ -337,16 +377,17 @@ RESOLVE = ComputeDeclaration(
         "moments": Stored("RGBA32F", "read_write", "sums over batches of shadowed s, delivered d, s^2, s d"),
         "coverage": Stored("RGBA32F", "read_write", "sums over batches of d^2 and of surface samples"),
         "batch_sums": Stored("RGBA32F", "read_write", "s and d of the faces of this batch so far"),
+        "disagreeing": Stored("R32UI", "write", "with PROBES: 1 for tiles of which a pixel is not as all of them were before"),
     },
     constants={
         "width": Constant("int", "of the picture, pixels"),
         "height": Constant("int", "of the picture, pixels"),
         **TILE_CONSTANTS,
         "view_count": VIEW_COUNT,
-        "first_face": Constant("int", "1 for the first face of a batch"),
         "map_face": Constant("int", "number of the face that the maps are of; with MANY_FACES"),
-        "face_mask": Constant("int", "faces that this dispatch looks up: that of the maps and, in the first, all without casters"),
-        "last_face": Constant("int", "1 for the last face of a batch"),
+        "face_mask": Constant(
+            "int", "faces that this dispatch looks up: that of the maps and, in the first, all without casters; MANY_FACES"
+        ),
     },
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE, "samples": SAMPLES_TABLE},
     flags={
@@ -357,8 +398,10 @@ RESOLVE = ComputeDeclaration(
         "RECEIVER_LINKING": "leave out instances that the light does not illuminate",
         "MANY_FACES": "several faces share the directions",
         "POINT_MAPS": "the maps were splatted: undo the half texel by which that enlarges outlines",
+        **PROBES_FLAG,
         **MIXED_MAPS_FLAG,
     },
+    defines={**TILE_DEFINES, **TURN_DEFINES},
 )
 
 
@@ -411,18 +454,16 @@ class DepthMaps:
     def __init__(self, device: Device, width_px: int, height_px: int, view_count: int) -> None:
         self.device, self.view_count = device, view_count
         self.width_px, self.height_px = width_px, height_px
-        self.texture: Texture = device.create_texture(width_px, height_px * view_count, TextureFormat.R32UI)
+        self._owned = Owned()
+        self.texture: Texture = self._owned.own(device.create_texture(width_px, height_px * view_count, TextureFormat.R32UI))
         self._target: RenderTarget | None = None
 
     @property
     def target(self) -> RenderTarget:
         if self._target is None:
-            depth = self.device.create_texture(self.texture.width, self.texture.height, TextureFormat.DEPTH32F)
-            self._target = self.device.create_target(self.texture, depth)
+            depth = self._owned.own(self.device.create_texture(self.texture.width, self.texture.height, TextureFormat.DEPTH32F))
+            self._target = self._owned.own(self.device.create_target(self.texture, depth))
         return self._target
 
     def release(self) -> None:
-        if self._target is not None:
-            self._target.release()
-            self._target.depth.release()
-        self.texture.release()
+        self._owned.close()

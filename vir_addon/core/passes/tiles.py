@@ -6,43 +6,106 @@ nothing to do.
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
 from ...device.declaration import Constant, Sampled
 from ...device.interface import ComputeKernel, Device
+from ...device.owned import Owned
 
 TILE_PX = 8
 """a kernel that walks tiles has groups of TILE_PX x TILE_PX invocations"""
-TILE_TEXTURES = {"tiles": Sampled("sampler2D", "x, y: column and row of every tile to walk")}
-TILE_CONSTANTS = {"tile_count": Constant("int", "tiles to walk")}
+PROBE_STEP_PX = 4
+"""With the flag PROBES a kernel looks at one pixel in PROBE_STEP_PX x PROBE_STEP_PX only, at others in every batch."""
+PROBE_COUNT = PROBE_STEP_PX**2
+QUARTERS = ((0, 0), (1, 1), (1, 0), (0, 1))
+"""of a square, those apart first"""
+TILE_TEXTURES = {"tiles": Sampled("sampler2D", "x, y: column and row of every tile to walk; z, w: what the kernel wants to know of it")}
+TILE_CONSTANTS = {
+    "tile_count": Constant("int", "tiles to walk"),
+    "probe_x": Constant("int", "with PROBES: the first pixel of a tile to look at"),
+    "probe_y": Constant("int", "the same in y"),
+}
+TILE_DEFINES = {"TILE_PX": TILE_PX, "PROBE_STEP_PX": PROBE_STEP_PX}
+PROBES_FLAG = {"PROBES": "look at a few pixels of every tile"}
+
+
+def grid_shape(width_px: int, height_px: int) -> tuple[int, int]:
+    """Rows and columns of a picture's tiles."""
+    return -(-height_px // TILE_PX), -(-width_px // TILE_PX)
+
+
+def spread_to_pixels(grid: np.ndarray, width_px: int, height_px: int) -> np.ndarray:
+    """(rows, columns) values of tiles -> (height, width) of their pixels."""
+    return grid.repeat(TILE_PX, axis=0).repeat(TILE_PX, axis=1)[:height_px, :width_px]
+
+
+def with_neighbours(grid: np.ndarray) -> np.ndarray:
+    """(rows, columns) bool: these tiles and the eight around each."""
+    wide = grid.copy()
+    wide[1:] |= grid[:-1]
+    wide[:-1] |= grid[1:]
+    high = wide.copy()
+    high[:, 1:] |= wide[:, :-1]
+    high[:, :-1] |= wide[:, 1:]
+    return high
+
+
+def probe_px(batch: int) -> tuple[int, int]:
+    """Where the probes of a batch begin in every tile: within PROBE_COUNT batches everywhere, soon everywhere nearly.
+
+    The order is that of a Bayer matrix: every prefix is spread out.
+    """
+    coarse, fine = batch % 4, batch // 4 % 4
+    (coarse_x, coarse_y), (fine_x, fine_y) = QUARTERS[coarse], QUARTERS[fine]
+    return 2 * coarse_x + fine_x, 2 * coarse_y + fine_y
 
 
 class Tiles:
-    """Those tiles of a picture that hold a wanted pixel."""
+    """A list of some of a picture's tiles."""
 
-    def __init__(self, device: Device, wanted: np.ndarray) -> None:
-        """wanted: (height, width) bool"""
-        height, width = wanted.shape
-        padded = np.pad(wanted, ((0, -height % TILE_PX), (0, -width % TILE_PX)))
-        self.wanted = padded.reshape(padded.shape[0] // TILE_PX, TILE_PX, -1, TILE_PX).any(axis=(1, 3))
-        """(rows, columns) bool"""
-        self.picture_shape = (height, width)
-        rows, columns = np.nonzero(self.wanted)
+    def __init__(self, device: Device, wanted: np.ndarray, numbers: np.ndarray | None = None) -> None:
+        """wanted: (rows, columns) bool; numbers: (rows, columns, 2), z and w of the list"""
+        rows, columns = np.nonzero(wanted)
         texels = np.zeros((len(rows), 4), np.float32)
         texels[:, 0], texels[:, 1] = columns, rows
+        if numbers is not None:
+            texels[:, 2:] = numbers[rows, columns]
         self.count = len(rows)
         self.texture = device.upload_array(texels)
 
-    @cached_property
-    def wanted_px(self) -> np.ndarray:
-        """(height, width) bool: pixels of the tiles"""
-        height, width = self.picture_shape
-        return np.kron(self.wanted, np.ones((TILE_PX, TILE_PX), bool))[:height, :width]
-
     def dispatch(self, kernel: ComputeKernel, /, **bindings: object) -> None:
-        kernel.dispatch_linear(self.count * TILE_PX, tiles=self.texture, tile_count=self.count, **bindings)
+        self._dispatch(kernel, self.count, (0, 0), bindings)
+
+    def dispatch_probes(self, kernel: ComputeKernel, batch: int, /, **bindings: object) -> None:
+        """For a kernel with the flag PROBES."""
+        self._dispatch(kernel, -(-self.count // PROBE_COUNT), probe_px(batch), bindings)
+
+    def _dispatch(self, kernel: ComputeKernel, group_count: int, probe: tuple[int, int], bindings: dict[str, object]) -> None:
+        walked = {"tiles": self.texture, "tile_count": self.count, "probe_x": probe[0], "probe_y": probe[1]}
+        kernel.dispatch_linear(group_count * TILE_PX, **walked, **bindings)
 
     def release(self) -> None:
         self.texture.release()
+
+
+class TileSplit:
+    """A picture's tiles in two lists: those that kernels walk, and the others, which they only probe."""
+
+    def __init__(
+        self, device: Device, is_walked: np.ndarray, walked_numbers: np.ndarray | None = None, probed_numbers: np.ndarray | None = None
+    ) -> None:
+        """is_walked: (rows, columns) bool; numbers as for `Tiles`"""
+        self.device, self.is_walked = device, is_walked
+        with Owned() as owned:
+            self.walked = owned.own(Tiles(device, is_walked, walked_numbers))
+            self.probed = owned.own(Tiles(device, ~is_walked, probed_numbers))
+            self._owned = owned.pop_all()
+
+    def replaced(self, is_walked: np.ndarray, *numbers: np.ndarray) -> TileSplit:
+        """Another one, and this one released."""
+        other = TileSplit(self.device, is_walked, *numbers)
+        self.release()
+        return other
+
+    def release(self) -> None:
+        self._owned.close()

@@ -1,3 +1,0 @@
-void main() {
-    filled = uvec4(uint(value));
-}
