@@ -262,7 +262,7 @@ void main() {
     int turn = int(own_tile().z);
     // of a tile that is looked up again from this face on: what the batch's faces before it found goes on as it was
     int late_faces = turn & LATE_FACES;
-    bool was_lit = imageLoad(moments, pixel).x > 0.0;
+    bool was_lit = (turn & WAS_LIT) != 0;
     vec2 sums = (turn & FIRST_FACE) != 0 ? vec2(0.0) : imageLoad(batch_sums, pixel).xy;
 #endif
     if (surface && view_count > 0) {
@@ -278,7 +278,7 @@ void main() {
 #endif
         uint undecided = 0u;
         // loops that test at their end: software rasterizers go through those that test at their beginning once more than needed
-        int k = -1;
+        int k = first_view - 1;
         do {
             k++;
             vec3 p = p_fs - view_center(k);
@@ -306,7 +306,7 @@ void main() {
                 sums += weight * vec2(found == SEEN ? 1.0 : 0.0, 1.0);
                 undecided |= found == UNDECIDED ? 1u << uint(k) : 0u;
             }
-        } while (k + 1 < view_count);
+        } while (k + 1 < first_view + view_count);
         // few in most places: a loop of its own costs only where there are some, at most MAX_BATCH_VIEWS turns
         if (undecided != 0u) {
             do {

@@ -11,7 +11,7 @@ void main() {
     for (int i = 0; i < TILE_PX * TILE_PX; i++) {
         vec4 position = texelFetch(positions, min(tile * TILE_PX + ivec2(i % TILE_PX, i / TILE_PX), size - 1), 0);
         vec3 p_ls = light_position(position.xyz);
-        for (int k = 0; k < view_count; k++) {
+        for (int k = first_view; k < first_view + view_count; k++) {
             found |= position.w >= 0.0 ? 1u << uint(face_index(p_ls - samples[k].xyz)) : 0u;
         }
     }

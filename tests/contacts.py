@@ -251,8 +251,8 @@ class Measurement:
             for batch in range(renderer.plan.batch_count):
                 self.device.run(renderer.render_batch, batch)
             image = renderer.read_passes()["VIR Shadow Key"]
-            positions = self.device.run(self.device.read, renderer.eye.positions)
-            normals = self.device.run(self.device.read, renderer.eye.normals)
+            positions = self.device.run(self.device.read, renderer.eye.buffers[0].positions)
+            normals = self.device.run(self.device.read, renderer.eye.buffers[0].normals)
             (work,) = renderer.works
             if self._truth is None:
                 self._truth = true_pass(self.contact, self._surfaces(positions, normals), work.samples_m)

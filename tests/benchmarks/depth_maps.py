@@ -90,9 +90,9 @@ class Bench:
         self.device, self.light = device, snapshot.lights[0]
         bounds = compute_bounds(snapshot)
         self.scene_data = SceneData(snapshot, device)
-        eye = EyePass(snapshot, self.scene_data, device, bounds, np.zeros((1, 2)))
+        eye = EyePass(self.scene_data, bounds, np.zeros((1, 2)))
         device.run(eye.render, 0)
-        receivers = select_receivers(device.read(eye.positions), device.read(eye.normals), self.light)
+        receivers = select_receivers(device.read(eye.buffers[0].positions), device.read(eye.buffers[0].normals), self.light)
         eye.release()
         self.samples_m = light_samples(self.light, view_count)
         self.culled = cullable_instances(snapshot, bounds, light_hull(self.light, self.samples_m))

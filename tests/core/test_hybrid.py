@@ -58,7 +58,7 @@ def test_passes_agree_with_multiview_rasterization(device, name):
 def test_the_threshold_moves_triangles_from_one_side_to_the_other(device, threshold):
     """Without points the maps are the rasterizer's own: nothing is enlarged, and nothing that RESOLVE would have to undo."""
     scene = many_sizes_scene()
-    arguments = {"view_count": 16, "map_resolution_px": 512, "stochastic_culling": False}
+    arguments = {"view_count": 64, "map_resolution_px": 512, "stochastic_culling": False}
     with prepared_renderer(scene, device, method=Method.HYBRID, small_triangle_points=threshold, **arguments) as renderer:
         made = renderer.works[0].statistics
     assert (made.point_count == 0) == (threshold == 0) and made.large_triangle_count > 100

@@ -43,7 +43,7 @@ def test_linked_pass_lies_within_a_texel_of_the_truth(device, name, method):
             device.run(renderer.render_batch, batch)
         image = renderer.read_passes()["VIR Shadow Key"]
         (work,) = renderer.works
-        positions = device.run(device.read, renderer.eye.positions)
+        positions = device.run(device.read, renderer.eye.buffers[0].positions)
         truth = bracket_pass(scene, work.light, work.samples_m, [fitted for fitted, _, _ in work.faces], positions)
     instance = positions[..., 3].astype(np.int64)
     linked = work.light.receivers if work.light.receivers is not None else np.ones(3, bool)
@@ -67,7 +67,7 @@ def test_shadows_of_one_light_are_not_those_of_another(device, method):
         unlinked = dataclasses.replace(alone, blockers=None, receivers=None)
         assert rmse(render_passes(still_life(unlinked, **size), device, **arguments)[name], both[name]) > 0.05
     with prepared_renderer(still_life(key, rim, **size), device, **arguments) as renderer:
-        instance = device.run(device.read, renderer.eye.positions)[..., 3]
+        instance = device.run(device.read, renderer.eye.buffers[0].positions)[..., 3]
     on_box = instance == BOX
     assert on_box.sum() > 50
     # only Key lights the box

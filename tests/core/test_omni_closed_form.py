@@ -112,7 +112,7 @@ def test_lamp_in_an_empty_room_lights_all_of_it(device, method, radius_m):
         with prepared_renderer(scene, device, method=method, view_count=8, map_resolution_px=128) as renderer:
             for batch in range(renderer.plan.batch_count):
                 device.run(renderer.render_batch, batch)
-            image, positions = renderer.read_passes()["VIR Shadow Key"], device.run(device.read, renderer.eye.positions)
+            image, positions = renderer.read_passes()["VIR Shadow Key"], device.run(device.read, renderer.eye.buffers[0].positions)
         # within a texel of the next wall its map cannot tell which of them is nearer
         clear = np.sort(np.abs(positions[..., :3]), axis=-1)[..., 1] < 2.0 - 0.06
         np.testing.assert_array_equal(image[clear], 1)

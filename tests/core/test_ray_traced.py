@@ -86,7 +86,7 @@ def test_pass_lies_within_a_texel_of_the_truth(device, name, method):
         image = renderer.read_passes()["VIR Shadow Key"]
         (work,) = renderer.works
         faces = [fitted for fitted, _, _ in work.faces]
-        positions = device.run(device.read, renderer.eye.positions)
+        positions = device.run(device.read, renderer.eye.buffers[0].positions)
         truth = bracket_pass(scene, work.light, work.samples_m, faces, positions)
     assert (len(faces) > 1) == name.startswith("cube")
     assert truth.exact[truth.surface].std() > 0.1

@@ -36,7 +36,7 @@ def test_every_batch_is_the_pass_of_the_samples_so_far(device, method):
         device.run(renderer.prepare)
         (light_work,) = renderer.works
         faces = [fitted for fitted, _, _ in light_work.faces]
-        positions = device.run(device.read, renderer.eye.positions)
+        positions = device.run(device.read, renderer.eye.buffers[0].positions)
         for batch in range(BATCHES):
             device.run(renderer.render_batch, batch)
             if batch not in (0, 4):

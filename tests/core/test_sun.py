@@ -102,7 +102,7 @@ def test_against_rays(device, method, angle_rad):
         for batch in range(renderer.plan.batch_count):
             device.run(renderer.render_batch, batch)
         image, (work,) = renderer.read_passes()["VIR Shadow Key"], renderer.works
-        truth, pixel = traced(scene, work.samples_m, device.run(device.read, renderer.eye.positions))
+        truth, pixel = traced(scene, work.samples_m, device.run(device.read, renderer.eye.buffers[0].positions))
     assert 0.2 < truth.mean() < 0.97 and truth.std() > 0.1
     # one sample: a pixel is either right or wholly wrong
     assert rmse(image[tuple(pixel.T)], truth) <= (0.06 if angle_rad == 0 else 0.02)

@@ -184,7 +184,7 @@ def test_what_stands_behind_a_pane_is_kept(device):
 def seen_instances(scene, device):
     """(height, width) instance numbers at pixels' centres"""
     with prepared_renderer(scene, device, view_count=1) as renderer:
-        return device.read(renderer.eye.positions)[..., 3].astype(int)
+        return device.read(renderer.eye.buffers[0].positions)[..., 3].astype(int)
 
 
 RING = np.random.default_rng(3).integers(0, 2, (5, 7)).astype(np.float64)
@@ -239,11 +239,11 @@ def test_the_eye_sees_the_share_that_is_not_there(device):
     scene = snapshot([floor(), pane(0.3)], [area_light()], camera_from_above((0.0, 0.0), 1.0, size, size), size, size)
     offsets = [(x / 3, y / 3) for x in (-1, 0, 1) for y in (-1, 0, 1)]
     scene_data = SceneData(scene, device)
-    eye = EyePass(scene, scene_data, device, compute_bounds(scene), np.array(offsets))
+    eye = EyePass(scene_data, compute_bounds(scene), np.array(offsets))
     seen = np.zeros((size, size))
     for index in range(len(offsets)):
-        eye.render(index, batch=0)
-        seen += device.read(eye.positions)[..., 3] == 1
+        eye.render([index], batch=0)
+        seen += device.read(eye.buffers[0].positions)[..., 3] == 1
     eye.release()
     scene_data.release()
     assert abs(seen.mean() / 9 - 0.3) < 0.005

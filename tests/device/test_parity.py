@@ -92,9 +92,9 @@ class Renderer:
         self.snapshot, self.device, self.light = snapshot, device, snapshot.lights[0]
         self.scene_data = SceneData(snapshot, device)
         self.bounds = compute_bounds(snapshot)
-        self.eye = EyePass(snapshot, self.scene_data, device, self.bounds, np.array([[0.125, -0.25]]))
-        self.eye.render(0, batch=0)
-        self.positions, self.normals = device.read(self.eye.positions), device.read(self.eye.normals)
+        self.eye = EyePass(self.scene_data, self.bounds, np.array([[0.125, -0.25]]))
+        self.eye.render([0], 0)
+        self.positions, self.normals = device.read(self.eye.buffers[0].positions), device.read(self.eye.buffers[0].normals)
         self.samples = light_samples(self.light, VIEW_COUNT)
 
     def fit(self, receivers):

@@ -14,26 +14,28 @@ from .methods import depth_map_method
 from .methods.base import DepthMapMethod, FaceJob
 from .methods.shared import SharedByFaces
 from .pass_set import PassStatistics
-from .passes.accumulate import MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, PassAccumulator
+from .passes.accumulate import MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, STATE_LIT, PassAccumulator
 from .passes.eye import EyePass
 from .passes.scene_data import SceneData
-from .passes.shadow_maps import FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, DepthMaps, face_table, samples_table, views_table
+from .passes.shadow_maps import FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, WAS_LIT, DepthMaps, face_table, samples_table, views_table
 from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
 from .sampling import light_samples, sample_weights
 from .scene import Light, LightShape
-from .settings import Resolve, Settings
+from .settings import Resolve
 from .stopwatch import Stopwatch
 
 
 class MapStore:
     """Textures that all lights share because only one batch uses them at a time."""
 
-    def __init__(self, device: Device, width: int, height: int, settings: Settings) -> None:
+    def __init__(self, device: Device, width: int, height: int, plan: RenderPlan) -> None:
         self.device = device
         self._maps: dict[tuple[int, int, int], DepthMaps] = {}
         with Owned() as owned:
-            self.shared = owned.own(SharedByFaces(device, settings))
-            self.batch_sums: Texture = owned.own(device.upload_texture(np.zeros((height, width, 4), np.float32)))
+            self.shared = owned.own(SharedByFaces(device, plan.settings))
+            zeros = np.zeros((height, width, 4), np.float32)
+            self.batch_sums = [owned.own(device.upload_texture(zeros)) for _ in range(plan.eye_samples_per_batch)]
+            """of each round of a batch"""
             self.no_receivers: Texture = owned.own(device.upload_array(np.ones((1, 4), np.float32)))
             self._owned = owned.pop_all()
 
@@ -51,24 +53,33 @@ class FaceTurns:
     """Which dispatches of a batch look a tile up: only those of faces that its surfaces are seen in, and one in any case."""
 
     def __init__(self, masks: list[int], tile_faces: np.ndarray) -> None:
-        """masks: faces of each dispatch, a bit each; tile_faces: (rows, columns) those of every tile"""
+        """masks: faces of each dispatch, a bit each; tile_faces: (rounds, rows, columns) those of every tile"""
         self.masks = masks
-        self.sees = np.array([(tile_faces & mask) != 0 for mask in masks])
-        """(dispatches, rows, columns) bool"""
-        self.sees[0] |= ~self.sees.any(axis=0)
+        self.sees = np.stack([(tile_faces & mask) != 0 for mask in masks], axis=1)
+        """(rounds, dispatches, rows, columns) bool"""
+        self.sees[:, 0] |= ~self.sees.any(axis=1)
         self._late_faces = np.zeros(self.sees.shape, np.int64)
 
-    def begin_late(self, index: int, tiles: np.ndarray) -> None:
-        """These tiles, (rows, columns) bool, take part from this dispatch on: what those before it would have found is as it was."""
-        self.sees[:index, tiles] = False
-        self.sees[index, tiles] = True
-        self._late_faces[index, tiles] = sum(self.masks[:index])
+    def skipped_by(self, index: int, part: int) -> int:
+        """How many rounds are through in a batch when this dispatch of this round begins."""
+        return part if index == len(self.masks) - 1 else 0
 
-    def of(self, index: int) -> np.ndarray:
+    def begin_late(self, index: int, part: int, tiles: np.ndarray, were_lit: np.ndarray) -> None:
+        """These tiles, (rows, columns) bool, take part from this dispatch of this round on. What those before it would have found is as
+        it was, all lit or all dark; rounds that are through stay without them."""
+        for each in range(len(self.sees)):
+            start = index if each >= part else index + 1
+            self.sees[each, :start, tiles] = False
+            if start < len(self.masks):
+                self.sees[each, start, tiles] = True
+                self._late_faces[each, start, tiles] = sum(self.masks[:start]) | WAS_LIT * were_lit[tiles]
+
+    def of(self, index: int, part: int) -> np.ndarray:
         """(rows, columns) int64 as of TURN_DEFINES; -1: none in this dispatch"""
-        first = FIRST_FACE * ~self.sees[:index].any(axis=0)
-        last = LAST_FACE * ~self.sees[index + 1 :].any(axis=0)
-        return np.where(self.sees[index], self._late_faces[index] | first | last, -1)
+        sees = self.sees[part]
+        first = FIRST_FACE * ~sees[:index].any(axis=0)
+        last = LAST_FACE * ~sees[index + 1 :].any(axis=0)
+        return np.where(sees[index], self._late_faces[part, index] | first | last, -1)
 
 
 class LightWork:
@@ -158,7 +169,7 @@ class LightWork:
 
     def render_batch(self, batch: int, eye: EyePass, stopwatch: Stopwatch) -> None:
         selected = self.batch_views(batch)
-        self.accumulator.begin_batch()
+        self.accumulator.begin_batch(len(eye.buffers))
         # faces without casters need no map: the first dispatch looks them up too, or one of their own if there is no other
         mapped = [face for face in self.faces if face[2] is not None] or self.faces[:1]
         masks = [1 << fitted.views.face.index for fitted, _, _ in mapped]
@@ -170,90 +181,92 @@ class LightWork:
             if method is not None:
                 with stopwatch.stage("splat or raster"):
                     method.fill(maps, selected)
-            look_up = {
+            face = {
                 "depth_maps": maps.texture,
                 "face": table,
                 "views": views_table(fitted.views, selected),
                 "samples": samples_table(fitted.views, self.sample_weights, selected),
-                "view_count": len(selected),
                 "map_face": fitted.views.face.index,
                 "face_mask": masks[index],
             }
             with stopwatch.stage("resolve"):
+                rounds = [{**self._round(eye, part, len(selected)), **face} for part in range(len(eye.buffers))]
                 if turns is None:
-                    turns = FaceTurns(masks, self._tile_faces(eye, look_up))
-                self._probe(batch, eye, index, turns, look_up)
-                self._resolve(eye, turns.of(index), look_up)
+                    turns = FaceTurns(masks, np.array([self._tile_faces(one, many_faces=len(masks) > 1) for one in rounds]))
+                for part, look_up in enumerate(rounds):
+                    if self._probe(batch, turns.sees[part, index], look_up):
+                        were_lit = self.accumulator.tile_states == STATE_LIT
+                        reopened = self.accumulator.reopen(turns.skipped_by(index, part))
+                        eye.want_also(reopened)
+                        turns.begin_late(index, part, reopened, were_lit)
+                    self._resolve(part, turns.of(index, part), look_up)
         if not self.faces:
             # nothing visible is reached; surfaces still have to be told from the background
             with stopwatch.stage("resolve"):
-                nothing = {"view_count": 0, "map_face": 0, "face_mask": 0, "depth_maps": self.store.maps(1, 1, 1).texture}
+                nothing = {"map_face": 0, "face_mask": 0, "depth_maps": self.store.maps(1, 1, 1).texture}
                 empty = {name: np.zeros((1, 4)) for name in ("face", "views", "samples")}
-                self._resolve(eye, FaceTurns([1], self.accumulator.looked_up).of(0), {**empty, **nothing})
+                for part in range(len(eye.buffers)):
+                    turns = FaceTurns([1], self.accumulator.looked_up[None])
+                    self._resolve(part, turns.of(0, 0), {**self._round(eye, part, 0), **empty, **nothing})
         if self._may_settle(batch):
             with stopwatch.stage("resolve"):
-                self.accumulator.settle(eye.positions, eye.normals)
+                self.accumulator.settle(*eye.buffers[-1])
         self._update_statistics()
 
     def _may_settle(self, batch: int) -> bool:
         """Once, as soon as enough is known, and not when no batch is left to gain from it."""
         return (
             self.plan.settings.resolve is Resolve.ADAPTIVE
-            and not self.accumulator.settled_batch_count
+            and not self.accumulator.settled_round_count
             and MIN_SETTLING_BATCHES <= batch + 1 < self.plan.batch_count
             and (self.batch_views(batch).stop >= MIN_SETTLING_VIEWS or batch + 1 >= self.planned.view_count)
         )
 
-    def _tile_faces(self, eye: EyePass, look_up: dict[str, Any]) -> np.ndarray:
-        """(rows, columns) uint32: a bit for every face that the tile's surfaces are seen in"""
-        if "MANY_FACES" not in self.resolve_flags:
-            return np.full(self.accumulator.looked_up.shape, look_up["face_mask"], np.uint32)
-        rows, columns = self.accumulator.looked_up.shape
+    def _round(self, eye: EyePass, part: int, view_count: int) -> dict[str, Any]:
+        """What RESOLVE is bound to for one of a batch's eye samples, but for what the face brings. The eye samples share the views evenly;
+        each has all of them if there are fewer."""
         width, height = eye.size
-        with Owned() as temporary:
-            tile_faces = temporary.own(self.device.create_texture(columns, rows, TextureFormat.R32UI))
-            self.device.compute_kernel(TILE_FACES).dispatch(
-                (-(-columns // 8), -(-rows // 8), 1),
-                positions=eye.positions,
-                tile_faces=tile_faces,
-                width=width,
-                height=height,
-                **{name: look_up[name] for name in ("view_count", "face", "samples")},
-            )
-            return self.device.read(tile_faces)
-
-    def _probe(self, batch: int, eye: EyePass, index: int, turns: FaceTurns, look_up: dict[str, Any]) -> None:
-        """Look settled tiles up at a few pixels, at others in every batch, and go on with those that are not what they were."""
-        with Owned() as temporary:
-            tiles = temporary.own(self.accumulator.tiles_to_probe(turns.sees[index]))
-            if not tiles.count:
-                return
-            self.device.fill(self.accumulator.disagreeing, 0)
-            tiles.dispatch_probes(
-                self.device.compute_kernel(RESOLVE, *self.resolve_flags, "PROBES"), batch, **self._bindings(eye), **look_up
-            )
-        reopened = self.accumulator.reopen()
-        eye.want_also(reopened)
-        turns.begin_late(index, reopened)
-
-    def _resolve(self, eye: EyePass, turns: np.ndarray, look_up: dict[str, Any]) -> None:
-        with Owned() as temporary:
-            tiles = temporary.own(self.accumulator.tiles_to_look_up(turns))
-            tiles.dispatch(self.device.compute_kernel(RESOLVE, *self.resolve_flags), **self._bindings(eye), **look_up)
-
-    def _bindings(self, eye: EyePass) -> dict[str, Any]:
-        width, height = eye.size
+        parts = len(eye.buffers)
+        first, end = (part * view_count // parts, (part + 1) * view_count // parts) if view_count >= parts else (0, view_count)
         return {
-            "positions": eye.positions,
-            "normals": eye.normals,
+            **eye.buffers[part]._asdict(),
+            "batch_sums": self.store.batch_sums[part],
+            "first_view": first,
+            "view_count": end - first,
             "receivers": self.receivers,
             "moments": self.accumulator.moments,
             "coverage": self.accumulator.coverage,
             "disagreeing": self.accumulator.disagreeing,
-            "batch_sums": self.store.batch_sums,
             "width": width,
             "height": height,
         }
+
+    def _tile_faces(self, look_up: dict[str, Any], *, many_faces: bool) -> np.ndarray:
+        """(rows, columns) uint32: a bit for every face that the tile's surfaces are seen in"""
+        rows, columns = self.accumulator.looked_up.shape
+        if not many_faces:
+            return np.full((rows, columns), look_up["face_mask"], np.uint32)
+        names = ("positions", "width", "height", "first_view", "view_count", "face", "samples")
+        with Owned() as temporary:
+            tile_faces = temporary.own(self.device.create_texture(columns, rows, TextureFormat.R32UI))
+            self.device.compute_kernel(TILE_FACES).dispatch(
+                (-(-columns // 8), -(-rows // 8), 1), tile_faces=tile_faces, **{name: look_up[name] for name in names}
+            )
+            return self.device.read(tile_faces)
+
+    def _probe(self, batch: int, wanted: np.ndarray, look_up: dict[str, Any]) -> bool:
+        """Look settled tiles up at a few pixels, at others in every batch. Returns False if there are none."""
+        with Owned() as temporary:
+            tiles = temporary.own(self.accumulator.tiles_to_probe(wanted))
+            if tiles.count:
+                self.device.fill(self.accumulator.disagreeing, 0)
+                tiles.dispatch_probes(self.device.compute_kernel(RESOLVE, *self.resolve_flags, "PROBES"), batch, **look_up)
+            return tiles.count > 0
+
+    def _resolve(self, part: int, turns: np.ndarray, look_up: dict[str, Any]) -> None:
+        with Owned() as temporary:
+            tiles = temporary.own(self.accumulator.tiles_to_look_up(part, turns))
+            tiles.dispatch(self.device.compute_kernel(RESOLVE, *self.resolve_flags), **look_up)
 
     def release(self) -> None:
         self._owned.close()

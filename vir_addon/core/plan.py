@@ -27,6 +27,9 @@ AUTO_METHODS = (Method.MICRO, Method.MVR, Method.IVIR)
 """What `auto` chooses from; the others are there to be compared with these, and were nowhere measured to be faster."""
 NO_MAP_REASON = "no map needed: nothing casts a shadow on what is in the picture"
 
+MIN_EYE_SAMPLE_VIEWS = 4
+"""so many at least are spread over the whole light"""
+
 LATTICE_STEPS = 6
 MAX_LATTICE_BOXES = 1024
 """what is enough to tell which faces of a cube will be needed"""
@@ -59,6 +62,8 @@ class RenderPlan:
     passes: tuple[PlannedPass, ...]
     batch_count: int
     """steps after which a valid picture exists; each renders its share of every light's views"""
+    eye_samples_per_batch: int
+    """Each has its share of a batch's views. Where a pixel shows surfaces of unlike irradiance, its ratio is as good as its eye samples."""
     eye_sample_count: int
     """eye G-buffers with sub-pixel offsets that batches take turns with"""
     notes: tuple[str, ...] = ()
@@ -80,13 +85,15 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     most_views = max((planned.view_count for planned in running), default=0)
     per_batch = _views_per_batch(settings)
     batch_count = max(math.ceil(most_views / per_batch), MIN_EYE_SAMPLES) if running else 1
-    eye_sample_count = min(batch_count, MAX_EYE_SAMPLES)
+    eye_samples_per_batch = _eye_samples_per_batch(most_views, batch_count)
+    eye_sample_count = min(batch_count * eye_samples_per_batch, MAX_EYE_SAMPLES)
     eye_ms = cost.eye_ms(snapshot, eye_sample_count)
     return RenderPlan(
         settings=settings,
         bounds=bounds,
         passes=passes,
         batch_count=batch_count,
+        eye_samples_per_batch=eye_samples_per_batch,
         eye_sample_count=eye_sample_count,
         notes=snapshot.notes,
         predicted_ms=sum(planned.predicted_ms for planned in running) + eye_ms,
@@ -107,6 +114,12 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
             f"a batch of maps of {resolution_px} px is {height_px} px high, and the device's largest texture {limit_px} px: "
             f"use --map-resolution {limit_px // math.ceil(most_views / render_plan.batch_count)} or less"
         )
+
+
+def _eye_samples_per_batch(most_views: int, batch_count: int) -> int:
+    """Hard shadows have one view, which every eye sample sees."""
+    views = MAX_BATCH_VIEWS if most_views == 1 else most_views // batch_count
+    return max(min(MAX_EYE_SAMPLES // batch_count, views // MIN_EYE_SAMPLE_VIEWS), 1)
 
 
 def _views_per_batch(settings: Settings) -> int:

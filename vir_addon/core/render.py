@@ -105,11 +105,13 @@ class Renderer:
         self.stopwatch = Stopwatch(device, on_stage)
         self.views_total = sum(planned.view_count for planned in plan.passes if planned.runs)
         self.offsets_px = pixel_offsets(snapshot.pixel_filter, plan.eye_sample_count)
+        self.rounds_total = plan.batch_count * plan.eye_samples_per_batch
+        """times that every light looks the picture up"""
         self.surface_share_sum = np.zeros((snapshot.height_px, snapshot.width_px), np.float32)
         self.batches_done = 0
         self.works: list[LightWork] = []
         self._owned = Owned()
-        self._current_offset = -1
+        self._current_offsets: list[int] = []
         self._eye_is_settled = False
         self.statistics = SetStatistics(
             device=f"{device.name}: {device.description}",
@@ -137,12 +139,12 @@ class Renderer:
             return
         with self.stopwatch.stage("upload"):
             self.scene_data = self._owned.own(SceneData(self.snapshot, self.device))
-            self.eye = self._owned.own(EyePass(self.snapshot, self.scene_data, self.device, self.plan.bounds, self.offsets_px))
-            self.store = self._owned.own(MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, self.plan.settings))
+            self.eye = self._owned.own(EyePass(self.scene_data, self.plan.bounds, self.offsets_px, self.plan.eye_samples_per_batch))
+            self.store = self._owned.own(MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, self.plan))
         self._render_eye(0)
         if any(planned.runs for planned in self.plan.passes):
             with self.stopwatch.stage("read-back"):
-                positions, normals = self.device.read(self.eye.positions), self.device.read(self.eye.normals)
+                positions, normals = (self.device.read(texture) for texture in self.eye.buffers[0])
         for planned in self.plan.passes:
             if planned.runs:
                 work = self._owned.own(LightWork(planned, self.plan, self.scene_data, self.store))
@@ -153,11 +155,12 @@ class Renderer:
         self.statistics.passes.sort(key=lambda statistics: statistics.light_name)
 
     def _render_eye(self, batch: int) -> None:
-        offset = batch % self.plan.eye_sample_count
-        if offset != self._current_offset:
+        first = batch * self.plan.eye_samples_per_batch
+        offsets = [(first + part) % self.plan.eye_sample_count for part in range(self.plan.eye_samples_per_batch)]
+        if offsets != self._current_offsets:
             with self.stopwatch.stage("eye G-buffer"):
-                self.eye.render(offset, batch)
-            self._current_offset = offset
+                self.eye.render(offsets, batch)
+            self._current_offsets = offsets
 
     def render_batch(self, batch: int) -> None:
         self.batches_done += 1
@@ -166,11 +169,11 @@ class Renderer:
         self._render_eye(batch)
         if not self.works:
             # only for passes that are constant on surfaces, which still have to be told from the background
-            self.surface_share_sum += self.device.read(self.eye.positions)[..., 3] >= 0
+            self.surface_share_sum += self.device.read(self.eye.buffers[0].positions)[..., 3] >= 0
         for work in self.works:
             with self.stopwatch.billed_to(work.statistics):
                 work.render_batch(batch, self.eye, self.stopwatch)
-        if not self._eye_is_settled and self.works and all(work.accumulator.settled_batch_count for work in self.works):
+        if not self._eye_is_settled and self.works and all(work.accumulator.settled_round_count for work in self.works):
             self.eye.want_only(np.any([work.accumulator.looked_up for work in self.works], axis=0))
             self._eye_is_settled = True
 
@@ -191,7 +194,7 @@ class Renderer:
             for work in self.works:
                 shadowed, delivered, surface_share = work.accumulator.read()
                 images[work.planned.pass_name] = pass_image(shadowed, delivered, surface_share)
-                weight = combined_weight(work.light, work.planned.view_count, self.plan.batch_count, work.reference_m)
+                weight = combined_weight(work.light, work.planned.view_count, self.rounds_total, work.reference_m)
                 combined[0] += weight * shadowed
                 combined[1] += weight * delivered
         for planned in self.plan.passes:
@@ -209,8 +212,8 @@ class Renderer:
         self.device.run(self._owned.close)
 
 
-def combined_weight(light: Light, view_count: int, batch_count: int, reference_m: float) -> float:
+def combined_weight(light: Light, view_count: int, round_count: int, reference_m: float) -> float:
     """What a light's running sums count in the combined pass: its strength per look-up, as a batch adds as many samples as it
     has views, without the light's own unit of distance. A light of negative strength counts as much as a positive one, so that the
     pass stays between 0 and 1."""
-    return abs(light.strength) / max(view_count / batch_count, 1.0) / reference_m**2
+    return abs(light.strength) / max(view_count / round_count, 1.0) / reference_m**2

@@ -17,6 +17,9 @@ MIN_SETTLING_BATCHES = 2
 """What so many well-distributed light samples and sub-pixel offsets see alike is taken to be alike."""
 SETTLE_RADIUS_PX = 3
 """Filters reach 1.5 pixels, and penumbrae do not begin at once: within three pixels of anything else looking up goes on."""
+STATE_MIXED, STATE_LIT, STATE_DARK, STATE_BACKGROUND = 1, 2, 4, 8
+"""What a pass has found of a pixel or a tile so far: something between, always lit, never lit, always background."""
+SETTLED_DEFINES = {"STATE_LIT": STATE_LIT, "STATE_DARK": STATE_DARK, "STATE_BACKGROUND": STATE_BACKGROUND}
 SUMS_TEXTURES = {
     "moments": Sampled("sampler2D", "sums over batches of shadowed s, delivered d, s^2, s d"),
     "coverage": Sampled("sampler2D", "sums over batches of d^2 and of surface samples"),
@@ -44,7 +47,8 @@ PASS_STATES = ComputeDeclaration(
         "normals": Sampled("sampler2D", "geometric normal (world space)"),
     },
     images={"states": Stored("R32UI", "write", "one bit a state")},
-    constants={**SIZE_CONSTANTS, "batch_count": Constant("int", "batches in the sums")},
+    constants={**SIZE_CONSTANTS, "round_count": Constant("int", "rounds in the sums")},
+    defines={**SETTLED_DEFINES, "STATE_MIXED": STATE_MIXED},
 )
 
 SETTLE_TILES = ComputeDeclaration(
@@ -55,12 +59,13 @@ SETTLE_TILES = ComputeDeclaration(
     textures={"states": Sampled("usampler2D", "one bit a state")},
     images={"tile_states": Stored("R32UI", "write", "the state of all of a tile and around it; 0 where there are several")},
     constants=SIZE_CONSTANTS,
-    defines={"SETTLE_RADIUS_PX": SETTLE_RADIUS_PX, "TILE_PX": TILE_PX},
+    defines={"SETTLE_RADIUS_PX": SETTLE_RADIUS_PX, "TILE_PX": TILE_PX, "STATE_MIXED": STATE_MIXED},
 )
 
 
 class PassAccumulator:
-    """Sums of one light's pass over batches. A pass is sum s / sum d: 0 shadowed to 1 lit."""
+    """Sums of one light's pass over rounds, each a look-up of the picture at one sub-pixel offset with its share of a batch's views. A pass
+    is sum s / sum d: 0 shadowed to 1 lit."""
 
     def __init__(self, device: Device, width: int, height: int) -> None:
         self.device, self.width, self.height = device, width, height
@@ -68,33 +73,34 @@ class PassAccumulator:
         rows, columns = grid_shape(width, height)
         self.tile_states = np.zeros((rows, columns), np.uint32)
         """of settled tiles; 0: looked up"""
-        self._repeats = np.ones((rows, columns))
-        """how many batches each batch in a tile's sums stands for, once this batch's faces are through"""
+        self._repeats = np.ones((1, rows, columns))
+        """how many rounds each round in a tile's sums stands for, once each of this batch's is through"""
         with Owned() as owned:
             self.moments, self.coverage = owned.own(device.upload_texture(zeros)), owned.own(device.upload_texture(zeros))
             self.disagreeing = owned.own(device.create_texture(columns, rows, TextureFormat.R32UI))
             """set by probes for settled tiles that are not what they were"""
             self._owned = owned.pop_all()
-        self.batch_count = 0
-        self.settled_batch_count = 0
-        """batches in the sums of settled tiles; 0 as long as none were looked for"""
+        self.round_count = 0
+        self.settled_round_count = 0
+        """rounds in the sums of settled tiles; 0 as long as none were looked for"""
 
     @property
     def looked_up(self) -> np.ndarray:
         """(rows, columns) bool"""
         return self.tile_states == 0
 
-    def begin_batch(self) -> None:
-        self.batch_count += 1
-        self._repeats[:] = 1
+    def begin_batch(self, round_count: int) -> None:
+        """round_count: how many eye samples of the picture the batch looks up"""
+        self.round_count += round_count
+        self._repeats = np.ones((round_count, *self.tile_states.shape))
 
-    def tiles_to_look_up(self, turns: np.ndarray) -> Tiles:
-        """For RESOLVE. turns: (rows, columns) as of TURN_DEFINES, -1 for tiles without one"""
-        return Tiles(self.device, self.looked_up & (turns >= 0), np.stack([turns, self._repeats], axis=-1))
+    def tiles_to_look_up(self, part: int, turns: np.ndarray) -> Tiles:
+        """For RESOLVE, the batch's round with this number. turns: (rows, columns) as of TURN_DEFINES, -1 for tiles without one"""
+        return Tiles(self.device, self.looked_up & (turns >= 0), np.stack([turns, self._repeats[part]], axis=-1))
 
     def tiles_to_probe(self, wanted: np.ndarray) -> Tiles:
         """Settled ones, for RESOLVE with PROBES. wanted: (rows, columns) bool"""
-        return Tiles(self.device, ~self.looked_up & wanted, np.stack([self.tile_states, self._repeats], axis=-1))
+        return Tiles(self.device, ~self.looked_up & wanted, np.stack([self.tile_states, np.ones(wanted.shape)], axis=-1))
 
     def settle(self, positions: Texture, normals: Texture) -> None:
         """Leave tiles out of later batches that lie in the middle of what is wholly lit, dark or background so far.
@@ -114,22 +120,24 @@ class PassAccumulator:
                 positions=positions,
                 normals=normals,
                 states=states,
-                batch_count=self.batch_count,
+                round_count=self.round_count,
                 **size,
             )
             self.device.compute_kernel(SETTLE_TILES).dispatch(groups, states=states, tile_states=tile_states, **size)
             self.tile_states = self.device.read(tile_states)
-        self.settled_batch_count = self.batch_count
+        self.settled_round_count = self.round_count
 
-    def reopen(self) -> np.ndarray:
-        """Look tiles up again that the probes of this batch found changed, and those around them.
+    def reopen(self, skipped_count: int) -> np.ndarray:
+        """Look tiles up again that the latest probes found changed, and those around them.
 
-        The batches that they were left out of count as found by probes: as they were. Returns (rows, columns) bool, the tiles.
+        The rounds that they were left out of count as found by probes: as they were. skipped_count: rounds of this batch that the tiles
+        take no part in any more. Returns (rows, columns) bool, the tiles.
         """
         reopened = with_neighbours(self.device.read(self.disagreeing) > 0) & ~self.looked_up
         if reopened.any():
             self.tile_states = np.where(reopened, 0, self.tile_states).astype(np.uint32)
-            self._repeats[reopened] = (self.batch_count - 1) / self.settled_batch_count
+            missed = self.round_count - len(self._repeats) + skipped_count
+            self._repeats[skipped_count, reopened] = missed / self.settled_round_count
         return reopened
 
     @property
@@ -140,7 +148,7 @@ class PassAccumulator:
     def compute_error(self) -> float:
         """RMS over lit pixels of the standard error, from the spread between batches. Batches are stratified together, so the
         true error of their mean is smaller. Infinite before there are two batches."""
-        if self.batch_count < 2:
+        if self.round_count < 2:
             return math.inf
         tiles = (-(-self.width // ERROR_TILE_PX), -(-self.height // ERROR_TILE_PX))
         with Owned() as temporary:
@@ -155,16 +163,16 @@ class PassAccumulator:
             )
             sums = self.device.read(sums_texture).astype(np.float64)
         squared, count = sums[..., 0].sum(), sums[..., 1].sum()
-        correction = self.batch_count / (self.batch_count - 1)
+        correction = self.round_count / (self.round_count - 1)
         return math.sqrt(correction * squared / count) if count else 0.0
 
     def read(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(height, width) float32 each: shadowed, delivered (per batch), and the share of eye samples that saw a surface"""
+        """(height, width) float32 each: shadowed, delivered (per round), and the share of eye samples that saw a surface"""
         moments = self.device.read(self.moments)
         surfaces = self.device.read(self.coverage)[..., 1]
-        tile_batches = np.where(self.looked_up, max(self.batch_count, 1), max(self.settled_batch_count, 1))
-        batches = spread_to_pixels(tile_batches, self.width, self.height).astype(np.float32)
-        return moments[..., 0] / batches, moments[..., 1] / batches, surfaces / batches
+        tile_rounds = np.where(self.looked_up, max(self.round_count, 1), max(self.settled_round_count, 1))
+        rounds = spread_to_pixels(tile_rounds, self.width, self.height).astype(np.float32)
+        return moments[..., 0] / rounds, moments[..., 1] / rounds, surfaces / rounds
 
     def release(self) -> None:
         self._owned.close()

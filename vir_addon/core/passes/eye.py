@@ -1,27 +1,28 @@
 """The eye G-buffer: what every pixel sees, at a sub-pixel offset that changes from batch to batch.
 
-Rasterizing a million triangles costs far more than filling pixels, so visibility is rasterized with 3 x 3 samples a pixel and
-serves nine offsets, which are moved to the nearest of its samples (by at most a sixth of a pixel).
+Rasterizing a million triangles costs far more than filling pixels, so visibility is rasterized with up to 4 x 4 samples a pixel and
+serves sixteen offsets, which are moved to the nearest of its samples (by at most an eighth of a pixel).
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table, Varying
-from ...device.interface import Device, TextureFormat
+from ...device.interface import Texture, TextureFormat
 from ...device.owned import Owned
 from ..bounds import SceneBounds, cullable_instances
-from ..scene import Camera, SceneSnapshot
+from ..scene import Camera
 from .opacity_maps import OPACITY_DEFINES, OPACITY_TEXTURES, OPACITY_VARYINGS
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
 from .tiles import PROBES_FLAG, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, TileSplit, grid_shape
 
-SAMPLES_PER_PX = (3, 2, 1)
-"""visibility samples along a pixel's side: the first that MAX_VISIBILITY_TEXELS allows"""
+MAX_SAMPLES_PER_PX = 4
+"""visibility samples along a pixel's side: as many as there are offsets, or as MAX_VISIBILITY_TEXELS allows"""
 MAX_VISIBILITY_TEXELS = 1 << 25
 """400 MiB of visibility and depth"""
 
@@ -103,20 +104,29 @@ def clip_from_view(camera: Camera, near_m: float, far_m: float) -> np.ndarray:
     return m
 
 
-class EyePass:
-    """Renders G-buffers of the snapshot's camera; `positions` and `normals` hold the latest."""
+class GBuffer(NamedTuple):
+    """Textures of what the pixels see at one sub-pixel offset."""
 
-    def __init__(self, snapshot: SceneSnapshot, scene_data: SceneData, device: Device, bounds: SceneBounds, offsets_px: np.ndarray) -> None:
+    positions: Texture
+    normals: Texture
+
+
+class EyePass:
+    """Renders G-buffers of the snapshot's camera; `buffers` holds those of the current batch."""
+
+    def __init__(self, scene_data: SceneData, bounds: SceneBounds, offsets_px: np.ndarray, samples_per_batch: int = 1) -> None:
         """offsets_px: (n, 2) sub-pixel offsets from pixels' centres that `render` chooses among"""
+        snapshot, device = scene_data.snapshot, scene_data.device
         self.camera, self.size = snapshot.camera, (snapshot.width_px, snapshot.height_px)
         self.scene_data, self.device = scene_data, device
         self.margin_px = math.ceil(np.abs(offsets_px).max()) + 1
-        for self.samples_per_px in SAMPLES_PER_PX:
+        for self.samples_per_px in range(min(math.ceil(math.sqrt(len(offsets_px))), MAX_SAMPLES_PER_PX), 0, -1):
             if max(self._visibility_size) <= device.max_texture_size_px and math.prod(self._visibility_size) <= MAX_VISIBILITY_TEXELS:
                 break
         self.visibility_index, self.base_offsets_px, self.samples = share_visibility(offsets_px, self.samples_per_px)
         self._current_visibility = -1
-        self._index = 0
+        self._bindings: list[dict[str, Any]] = []
+        """of the current batch's G-buffers"""
         self.rasterize = device.raster_kernel(VISIBILITY)
         self.surface, self.surface_probes = device.compute_kernel(SURFACE), device.compute_kernel(SURFACE, "PROBES")
         # an orthographic camera sees from infinitely far away, as far as culling can tell: everything is drawn
@@ -129,8 +139,8 @@ class EyePass:
             self.visibility = owned.own(device.create_texture(*self._visibility_size, TextureFormat.RG32UI))
             self.depth = owned.own(device.create_texture(*self._visibility_size, TextureFormat.DEPTH32F))
             self.target = owned.own(device.create_target(self.visibility, self.depth))
-            self.positions = owned.own(device.create_texture(*self.size, TextureFormat.RGBA32F))
-            self.normals = owned.own(device.create_texture(*self.size, TextureFormat.RGBA32F))
+            textures = [owned.own(device.create_texture(*self.size, TextureFormat.RGBA32F)) for _ in range(2 * samples_per_batch)]
+            self.buffers = [GBuffer(*pair) for pair in zip(textures[0::2], textures[1::2], strict=True)]
             self.tiles = TileSplit(device, np.ones(grid_shape(*self.size), bool))
             """walked: what some light still looks up"""
             self._owned = owned.pop_all()
@@ -143,17 +153,17 @@ class EyePass:
             self.samples_per_px * (height + 2 * self.margin_px),
         )
 
-    def render(self, index: int, batch: int) -> None:
-        """The G-buffer of the offset with this number, in the wanted tiles and at the batch's probes of all others; elsewhere it keeps
-        what it has."""
-        self._index = index
-        if self.visibility_index[index] != self._current_visibility:
-            self._current_visibility = int(self.visibility_index[index])
-            base = self.base_offsets_px[self._current_visibility]
-            self._rasterize(base + 0.5 - 0.5 / self.samples_per_px, self._current_visibility)
-        bindings = self._surface_bindings()
-        self.tiles.walked.dispatch(self.surface, **bindings)
-        self.tiles.probed.dispatch_probes(self.surface_probes, batch, **bindings)
+    def render(self, indices: Sequence[int], batch: int) -> None:
+        """A G-buffer of each offset with these numbers, in the wanted tiles and at the batch's probes of all others; elsewhere they keep
+        what they have."""
+        self._bindings = [self._surface_bindings(index, buffer) for index, buffer in zip(indices, self.buffers, strict=True)]
+        for index, bindings in zip(indices, self._bindings, strict=True):
+            if self.visibility_index[index] != self._current_visibility:
+                self._current_visibility = int(self.visibility_index[index])
+                base = self.base_offsets_px[self._current_visibility]
+                self._rasterize(base + 0.5 - 0.5 / self.samples_per_px, self._current_visibility)
+            self.tiles.walked.dispatch(self.surface, **bindings)
+            self.tiles.probed.dispatch_probes(self.surface_probes, batch, **bindings)
 
     def want_only(self, wanted: np.ndarray) -> None:
         """From now on render these tiles only, (rows, columns) bool."""
@@ -164,19 +174,20 @@ class EyePass:
         missing = added & ~self.tiles.is_walked
         if missing.any():
             with Owned() as temporary:
-                temporary.own(Tiles(self.device, missing)).dispatch(self.surface, **self._surface_bindings())
+                tiles = temporary.own(Tiles(self.device, missing))
+                for bindings in self._bindings:
+                    tiles.dispatch(self.surface, **bindings)
             self.want_only(self.tiles.is_walked | missing)
 
-    def _surface_bindings(self) -> dict[str, Any]:
+    def _surface_bindings(self, index: int, buffer: GBuffer) -> dict[str, Any]:
         width, height = self.size
-        sample = self.samples[self._index]
-        base = self.base_offsets_px[self.visibility_index[self._index]]
+        sample = self.samples[index]
+        base = self.base_offsets_px[self.visibility_index[index]]
         return {
             **self.scene_data.bindings,
+            **buffer._asdict(),
             "corner_normals": self.scene_data.corner_normals,
             "visibility": self.visibility,
-            "positions": self.positions,
-            "normals": self.normals,
             "width": width,
             "height": height,
             "margin_px": self.margin_px,

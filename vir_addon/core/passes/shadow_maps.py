@@ -15,6 +15,7 @@ from ...device.interface import Device, RenderTarget, Texture, TextureFormat
 from ...device.owned import Owned
 from ..scene import Light
 from ..views import FaceViews, light_axes
+from .accumulate import SETTLED_DEFINES
 from .opacity_maps import OPACITY_DEFINES, OPACITY_TEXTURES, OPACITY_VARYINGS
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, WORK_GROUP_SIZE
 from .tiles import PROBES_FLAG, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES
@@ -338,6 +339,11 @@ RASTERIZE_SMALL_TRIANGLES = ComputeDeclaration(
     flags={**ORTHOGRAPHIC_FLAG, "FRONT_FACE": FRONT_FACE},
 )
 
+LOOKED_UP_VIEWS = {
+    "first_view": Constant("int", "the first view of the batch to look up"),
+    "view_count": Constant("int", "how many to look up"),
+}
+
 TILE_FACES = ComputeDeclaration(
     name="tile_faces",
     text="finds the faces of a light's cube that each tile of the picture needs",
@@ -348,7 +354,7 @@ TILE_FACES = ComputeDeclaration(
     constants={
         "width": Constant("int", "of the picture, pixels"),
         "height": Constant("int", "of the picture, pixels"),
-        "view_count": VIEW_COUNT,
+        **LOOKED_UP_VIEWS,
     },
     tables={"face": FACE_TABLE, "samples": SAMPLES_TABLE},
     defines={"TILE_PX": TILE_PX},
@@ -357,9 +363,10 @@ TILE_FACES = ComputeDeclaration(
 LATE_FACES = 0x3F
 FIRST_FACE = 0x40
 LAST_FACE = 0x80
-TURN_DEFINES = {"LATE_FACES": LATE_FACES, "FIRST_FACE": FIRST_FACE, "LAST_FACE": LAST_FACE}
-"""What RESOLVE knows of a tile's turn in a batch: faces before this one that count as they did before, and whether it begins or ends the
-batch's sums."""
+WAS_LIT = 0x100
+TURN_DEFINES = {"LATE_FACES": LATE_FACES, "FIRST_FACE": FIRST_FACE, "LAST_FACE": LAST_FACE, "WAS_LIT": WAS_LIT}
+"""What RESOLVE knows of a tile's turn in a round: faces before this one that count as they did before, as lit or as dark, and whether it
+begins or ends the round's sums."""
 
 RESOLVE = ComputeDeclaration(
     name="resolve",
@@ -383,7 +390,7 @@ RESOLVE = ComputeDeclaration(
         "width": Constant("int", "of the picture, pixels"),
         "height": Constant("int", "of the picture, pixels"),
         **TILE_CONSTANTS,
-        "view_count": VIEW_COUNT,
+        **LOOKED_UP_VIEWS,
         "map_face": Constant("int", "number of the face that the maps are of; with MANY_FACES"),
         "face_mask": Constant(
             "int", "faces that this dispatch looks up: that of the maps and, in the first, all without casters; MANY_FACES"
@@ -401,7 +408,7 @@ RESOLVE = ComputeDeclaration(
         **PROBES_FLAG,
         **MIXED_MAPS_FLAG,
     },
-    defines={**TILE_DEFINES, **TURN_DEFINES},
+    defines={**TILE_DEFINES, **TURN_DEFINES, **SETTLED_DEFINES},
 )
 
 
