@@ -132,8 +132,8 @@ class MicroTriangleRasterization(ReplayMethod):
     def _fill(self, maps: DepthMaps, selected: range) -> None:
         self._hold()
         views = self.views_table(selected)
-        batch = {"views": views, "view_count": len(selected), "face": self.face_table}
         self._begin(maps, selected, views)
+        batch = {"views": views, "view_count": len(selected), "face": self.face_table}
         for portion in self._gathered_portions():
             self.device.compute_kernel(RASTERIZE_SMALL_TRIANGLES, *self.flags).dispatch_linear(
                 portion.small_count,
@@ -178,8 +178,9 @@ class MicroTriangleRasterization(ReplayMethod):
             if kept_count > capacity:
                 return
             self.triangles.replace_by(kept)
-        # other faces may need the memory of what is no longer in it
-        self.triangles.replace_by(self.triangles.copied(0, max(TEXELS_PER_TRIANGLE * kept_count, 1)))
+        if not self.shared.is_alone(self):
+            # other faces may need the memory of what is no longer in it
+            self.triangles.replace_by(self.triangles.copied(0, max(TEXELS_PER_TRIANGLE * kept_count, 1)))
         self._gathered = _Portion(0, self.work.group_count, kept_count)
         self._portions = [self._gathered]
         self.kept_count = kept_count
