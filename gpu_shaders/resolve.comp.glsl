@@ -236,10 +236,8 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs) {
     rise = mix(vec2(0.0), rise, lessThan(abs(away - own.depth), vec2(contact)));
     bool seen = own.height <= dot(abs(own.offset), rise);
 #ifdef POINT_MAPS
-    // Only what comes down to the receiver between the texels touches it; other outlines are enlarged ones. It may come down in one
-    // direction and rise in the other: the lowest of the three neighbours tells.
-    vec2 descent = max(rise, vec2(0.0));
-    seen = seen || (at_outline && own.height >= descent.x + descent.y);
+    // only what comes down to the receiver between the texels touches it; other outlines are enlarged ones
+    seen = seen || (at_outline && own.height >= rise.x + rise.y);
 #endif
     return seen;
 }
