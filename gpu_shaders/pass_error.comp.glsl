@@ -1,5 +1,5 @@
 // Sums over tiles of 16 x 16 pixels of the squared standard error of the pass, and of the pixels that it was summed over.
-// Ratio estimator (Cochran 1977, section 6.4): R = sum s / sum d over n batches, var R = n / (n - 1) sum (s - R d)^2 / (sum d)^2.
+// Ratio estimator (Cochran 1977, section 6.4): R = sum s / sum d over n rounds, var R = n / (n - 1) sum (s - R d)^2 / (sum d)^2.
 void main() {
     ivec2 tile = ivec2(gl_GlobalInvocationID.xy);
     if (tile.x * 16 >= width || tile.y * 16 >= height) {

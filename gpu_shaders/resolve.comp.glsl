@@ -328,7 +328,7 @@ void main() {
         imageStore(batch_sums, pixel, vec4(sums, 0.0, 0.0));
         return;
     }
-    // batches that the tile was left out of count as those before them
+    // rounds that the tile was left out of count as those before them
     float repeats = own_tile().w;
     if (surface || repeats != 1.0) {
         imageStore(moments, pixel, repeats * imageLoad(moments, pixel) + vec4(sums, sums.x * sums.x, sums.x * sums.y));

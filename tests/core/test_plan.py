@@ -237,3 +237,10 @@ def test_cut_outs_cost(method):
         for shown in (card, with_opacity(card, np.eye(2), [(0, 0), (1, 0), (1, 1), (0, 1)]))
     )
     assert cut_out.predicted_ms > opaque.predicted_ms
+
+
+def test_more_views_never_bring_fewer_eye_samples():
+    camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
+    scene = snapshot([floor(4.0), box("box", (0, 0, 0.5), (0.5, 0.5, 0.5))], [area_light()], camera, WIDTH, HEIGHT)
+    counts = [plan(scene, Settings(view_count=count)).eye_sample_count for count in (3, 9, 32, 57, 63, 64, 65, 72, 100, 128, 200)]
+    assert counts == sorted(counts) and counts[0] == 8 and counts[4:] == [16] * 7

@@ -19,6 +19,7 @@ from tests.scenes import (
     prepared_renderer,
     snapshot,
 )
+from vir_addon.core.passes.eye import GBuffer
 from vir_addon.core.passes.scene_data import pack_directions
 
 WIDTH, HEIGHT = 80, 45
@@ -73,11 +74,12 @@ def shadows_at_places(scene, device, method):
         (work,) = renderer.works
         ((fitted, _, _),) = work.faces
         positions, normals = (device.upload_texture(texels) for texels in floor_places())
-        places = SimpleNamespace(positions=positions, normals=normals, size=PLACES[::-1])
+        places = SimpleNamespace(buffers=[GBuffer(positions, normals)], size=PLACES[::-1], want_also=lambda tiles: None)
         work.accumulator.release()
         work.accumulator = type(work.accumulator)(device, *PLACES[::-1])
-        renderer.store.batch_sums.release()
-        renderer.store.batch_sums = device.upload_texture(np.zeros((*PLACES, 4), np.float32))
+        for sums in renderer.store.batch_sums:
+            sums.release()
+        renderer.store.batch_sums = [device.upload_texture(np.zeros((*PLACES, 4), np.float32))]
         for batch in range(renderer.plan.batch_count):
             device.run(work.render_batch, batch, places, renderer.stopwatch)
         shadowed, delivered, _ = device.run(work.accumulator.read)

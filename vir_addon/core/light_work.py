@@ -66,12 +66,16 @@ class FaceTurns:
 
     def begin_late(self, index: int, part: int, tiles: np.ndarray, were_lit: np.ndarray) -> None:
         """These tiles, (rows, columns) bool, take part from this dispatch of this round on. What those before it would have found is as
-        it was, all lit or all dark; rounds that are through stay without them."""
+        it was, all lit or all dark (of background: dark); rounds that are through stay without them.
+
+        They take part in all dispatches that are left: what they show at this batch's offsets is known only now, and so their
+        rounds end in their order, the first of them with what the tile has missed.
+        """
         for each in range(len(self.sees)):
             start = index if each >= part else index + 1
             self.sees[each, :start, tiles] = False
+            self.sees[each, start:, tiles] = True
             if start < len(self.masks):
-                self.sees[each, start, tiles] = True
                 self._late_faces[each, start, tiles] = sum(self.masks[:start]) | WAS_LIT * were_lit[tiles]
 
     def of(self, index: int, part: int) -> np.ndarray:
@@ -217,6 +221,7 @@ class LightWork:
         """Once, as soon as enough is known, and not when no batch is left to gain from it."""
         return (
             self.plan.settings.resolve is Resolve.ADAPTIVE
+            and len(self.faces) > 0
             and not self.accumulator.settled_round_count
             and MIN_SETTLING_BATCHES <= batch + 1 < self.plan.batch_count
             and (self.batch_views(batch).stop >= MIN_SETTLING_VIEWS or batch + 1 >= self.planned.view_count)

@@ -83,8 +83,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     passes = tuple(_plan_light(snapshot, light, names[light.name], settings, bounds, places_ws) for light in lights)
     running = [planned for planned in passes if planned.runs]
     most_views = max((planned.view_count for planned in running), default=0)
-    per_batch = _views_per_batch(settings)
-    batch_count = max(math.ceil(most_views / per_batch), MIN_EYE_SAMPLES) if running else 1
+    batch_count = _batch_count(most_views, settings.map_resolution_px) if running else 1
     eye_samples_per_batch = _eye_samples_per_batch(most_views, batch_count)
     eye_sample_count = min(batch_count * eye_samples_per_batch, MAX_EYE_SAMPLES)
     eye_ms = cost.eye_ms(snapshot, eye_sample_count)
@@ -110,21 +109,24 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
     resolution_px, limit_px = render_plan.settings.map_resolution_px, device.max_texture_size_px
     height_px = resolution_px * math.ceil(most_views / render_plan.batch_count)
     if height_px > limit_px:
+        # smaller maps come in larger batches
+        fitting_px = next(px for px in range(resolution_px, 0, -1) if px * math.ceil(most_views / _batch_count(most_views, px)) <= limit_px)
         raise UsageError(
             f"a batch of maps of {resolution_px} px is {height_px} px high, and the device's largest texture {limit_px} px: "
-            f"use --map-resolution {limit_px // math.ceil(most_views / render_plan.batch_count)} or less"
+            f"use --map-resolution {fitting_px} or less"
         )
 
 
 def _eye_samples_per_batch(most_views: int, batch_count: int) -> int:
     """Hard shadows have one view, which every eye sample sees."""
-    views = MAX_BATCH_VIEWS if most_views == 1 else most_views // batch_count
-    return max(min(MAX_EYE_SAMPLES // batch_count, views // MIN_EYE_SAMPLE_VIEWS), 1)
+    views = MAX_BATCH_VIEWS if most_views == 1 else math.ceil(most_views / batch_count)
+    return max(min(math.ceil(MAX_EYE_SAMPLES / batch_count), views // MIN_EYE_SAMPLE_VIEWS), 1)
 
 
-def _views_per_batch(settings: Settings) -> int:
-    """Eight maps of 1024^2 and 2048^2; larger maps in smaller batches, so that a batch stays below 128 MiB of depth."""
-    return max(1, min(MAX_BATCH_VIEWS, MAX_BATCH_VIEWS * 2048**2 // settings.map_resolution_px**2))
+def _batch_count(most_views: int, map_resolution_px: int) -> int:
+    """Eight maps of 1024^2 and 2048^2 a batch; larger maps in smaller batches, so that a batch stays below 128 MiB of depth."""
+    per_batch = max(1, min(MAX_BATCH_VIEWS, MAX_BATCH_VIEWS * 2048**2 // map_resolution_px**2))
+    return max(math.ceil(most_views / per_batch), MIN_EYE_SAMPLES)
 
 
 def _chosen_lights(snapshot: SceneSnapshot, settings: Settings) -> list[Light]:

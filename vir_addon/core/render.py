@@ -1,7 +1,7 @@
 """The streamed loop: a generator that can be stopped after any batch.
 
     for every batch
-        eye G-buffer at the next sub-pixel offset
+        eye G-buffers at the next sub-pixel offsets, each for a share of the views
         for every light
             clear and fill the maps of the batch's views, face by face; look every pixel up; add to the running sums
 
@@ -43,7 +43,7 @@ class Progress:
     seconds_left: float
     """predicted from the batches so far"""
     error_estimate: float
-    """the largest error estimate of the passes so far; infinite while there is only one batch"""
+    """the largest error estimate of the passes so far; infinite before there are two rounds"""
     statistics: SetStatistics
     _renderer: Renderer = field(repr=False)
     _kept: dict[str, np.ndarray] | None = field(default=None, repr=False)
@@ -192,8 +192,10 @@ class Renderer:
         surface_share = self.surface_share_sum / max(self.batches_done, 1)
         with self.stopwatch.stage("read-back"):
             for work in self.works:
-                shadowed, delivered, surface_share = work.accumulator.read()
-                images[work.planned.pass_name] = pass_image(shadowed, delivered, surface_share)
+                shadowed, delivered, received_share = work.accumulator.read()
+                # a light's receivers need not be all surfaces
+                surface_share = np.maximum(surface_share, received_share)
+                images[work.planned.pass_name] = pass_image(shadowed, delivered, received_share)
                 weight = combined_weight(work.light, work.planned.view_count, self.rounds_total, work.reference_m)
                 combined[0] += weight * shadowed
                 combined[1] += weight * delivered

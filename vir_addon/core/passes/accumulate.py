@@ -21,8 +21,8 @@ STATE_MIXED, STATE_LIT, STATE_DARK, STATE_BACKGROUND = 1, 2, 4, 8
 """What a pass has found of a pixel or a tile so far: something between, always lit, never lit, always background."""
 SETTLED_DEFINES = {"STATE_LIT": STATE_LIT, "STATE_DARK": STATE_DARK, "STATE_BACKGROUND": STATE_BACKGROUND}
 SUMS_TEXTURES = {
-    "moments": Sampled("sampler2D", "sums over batches of shadowed s, delivered d, s^2, s d"),
-    "coverage": Sampled("sampler2D", "sums over batches of d^2 and of surface samples"),
+    "moments": Sampled("sampler2D", "sums over rounds of shadowed s, delivered d, s^2, s d"),
+    "coverage": Sampled("sampler2D", "sums over rounds of d^2 and of surface samples"),
 }
 SIZE_CONSTANTS = {"width": Constant("int", "of the picture, pixels"), "height": Constant("int", "of the picture, pixels")}
 
@@ -146,8 +146,8 @@ class PassAccumulator:
         return 1 - float(self.looked_up.mean())
 
     def compute_error(self) -> float:
-        """RMS over lit pixels of the standard error, from the spread between batches. Batches are stratified together, so the
-        true error of their mean is smaller. Infinite before there are two batches."""
+        """RMS over lit pixels of the standard error, from the spread between rounds. Rounds are stratified together, so the
+        true error of their mean is smaller. Infinite before there are two rounds."""
         if self.round_count < 2:
             return math.inf
         tiles = (-(-self.width // ERROR_TILE_PX), -(-self.height // ERROR_TILE_PX))

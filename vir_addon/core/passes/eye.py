@@ -1,4 +1,4 @@
-"""The eye G-buffer: what every pixel sees, at a sub-pixel offset that changes from batch to batch.
+"""The eye G-buffer: what every pixel sees, at sub-pixel offsets that change from batch to batch.
 
 Rasterizing a million triangles costs far more than filling pixels, so visibility is rasterized with up to 4 x 4 samples a pixel and
 serves sixteen offsets, which are moved to the nearest of its samples (by at most an eighth of a pixel).
@@ -7,7 +7,7 @@ serves sixteen offsets, which are moved to the nearest of its samples (by at mos
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -125,8 +125,8 @@ class EyePass:
                 break
         self.visibility_index, self.base_offsets_px, self.samples = share_visibility(offsets_px, self.samples_per_px)
         self._current_visibility = -1
-        self._bindings: list[dict[str, Any]] = []
-        """of the current batch's G-buffers"""
+        self._indices: Sequence[int] = ()
+        """of the current batch's offsets"""
         self.rasterize = device.raster_kernel(VISIBILITY)
         self.surface, self.surface_probes = device.compute_kernel(SURFACE), device.compute_kernel(SURFACE, "PROBES")
         # an orthographic camera sees from infinitely far away, as far as culling can tell: everything is drawn
@@ -156,18 +156,25 @@ class EyePass:
     def render(self, indices: Sequence[int], batch: int) -> None:
         """A G-buffer of each offset with these numbers, in the wanted tiles and at the batch's probes of all others; elsewhere they keep
         what they have."""
-        self._bindings = [self._surface_bindings(index, buffer) for index, buffer in zip(indices, self.buffers, strict=True)]
-        for index, bindings in zip(indices, self._bindings, strict=True):
+        self._indices = indices
+        for bindings in self._with_visibility():
+            self.tiles.walked.dispatch(self.surface, **bindings)
+            self.tiles.probed.dispatch_probes(self.surface_probes, batch, **bindings)
+
+    def _with_visibility(self) -> Iterator[dict[str, Any]]:
+        """What SURFACE is bound to for each of the batch's offsets, while `visibility` is theirs."""
+        for index, buffer in zip(self._indices, self.buffers, strict=True):
             if self.visibility_index[index] != self._current_visibility:
                 self._current_visibility = int(self.visibility_index[index])
                 base = self.base_offsets_px[self._current_visibility]
                 self._rasterize(base + 0.5 - 0.5 / self.samples_per_px, self._current_visibility)
-            self.tiles.walked.dispatch(self.surface, **bindings)
-            self.tiles.probed.dispatch_probes(self.surface_probes, batch, **bindings)
+            yield self._surface_bindings(index, buffer)
 
     def want_only(self, wanted: np.ndarray) -> None:
         """From now on render these tiles only, (rows, columns) bool."""
-        self.tiles = self.tiles.replaced(wanted)
+        tiles = TileSplit(self.device, wanted)
+        self.tiles.release()
+        self.tiles = tiles
 
     def want_also(self, added: np.ndarray) -> None:
         """Render these tiles as well, from this batch on, (rows, columns) bool."""
@@ -175,7 +182,7 @@ class EyePass:
         if missing.any():
             with Owned() as temporary:
                 tiles = temporary.own(Tiles(self.device, missing))
-                for bindings in self._bindings:
+                for bindings in self._with_visibility():
                     tiles.dispatch(self.surface, **bindings)
             self.want_only(self.tiles.is_walked | missing)
 

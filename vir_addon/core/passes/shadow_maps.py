@@ -381,9 +381,9 @@ RESOLVE = ComputeDeclaration(
         **TILE_TEXTURES,
     },
     images={
-        "moments": Stored("RGBA32F", "read_write", "sums over batches of shadowed s, delivered d, s^2, s d"),
-        "coverage": Stored("RGBA32F", "read_write", "sums over batches of d^2 and of surface samples"),
-        "batch_sums": Stored("RGBA32F", "read_write", "s and d of the faces of this batch so far"),
+        "moments": Stored("RGBA32F", "read_write", "sums over rounds of shadowed s, delivered d, s^2, s d"),
+        "coverage": Stored("RGBA32F", "read_write", "sums over rounds of d^2 and of surface samples"),
+        "batch_sums": Stored("RGBA32F", "read_write", "s and d of the faces of this round so far"),
         "disagreeing": Stored("R32UI", "write", "with PROBES: 1 for tiles of which a pixel is not as all of them were before"),
     },
     constants={

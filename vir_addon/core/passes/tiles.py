@@ -91,21 +91,13 @@ class Tiles:
 class TileSplit:
     """A picture's tiles in two lists: those that kernels walk, and the others, which they only probe."""
 
-    def __init__(
-        self, device: Device, is_walked: np.ndarray, walked_numbers: np.ndarray | None = None, probed_numbers: np.ndarray | None = None
-    ) -> None:
-        """is_walked: (rows, columns) bool; numbers as for `Tiles`"""
-        self.device, self.is_walked = device, is_walked
+    def __init__(self, device: Device, is_walked: np.ndarray) -> None:
+        """is_walked: (rows, columns) bool"""
+        self.is_walked = is_walked
         with Owned() as owned:
-            self.walked = owned.own(Tiles(device, is_walked, walked_numbers))
-            self.probed = owned.own(Tiles(device, ~is_walked, probed_numbers))
+            self.walked = owned.own(Tiles(device, is_walked))
+            self.probed = owned.own(Tiles(device, ~is_walked))
             self._owned = owned.pop_all()
-
-    def replaced(self, is_walked: np.ndarray, *numbers: np.ndarray) -> TileSplit:
-        """Another one, and this one released."""
-        other = TileSplit(self.device, is_walked, *numbers)
-        self.release()
-        return other
 
     def release(self) -> None:
         self._owned.close()
