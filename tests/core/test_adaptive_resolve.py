@@ -22,7 +22,7 @@ def settled_shares(scene, device, **settings):
     return [made.settled_share for made in statistics.passes]
 
 
-@pytest.mark.parametrize("view_count", [64, 128])
+@pytest.mark.parametrize("view_count", [64, pytest.param(128, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["sphere", "room", "leaves", "low light"])
 def test_shortcut_changes_little(device, name, view_count):
     scene = scene_named(name)

@@ -23,12 +23,15 @@ def many_sizes_scene():
     return snapshot([*spheres, floor(4.0)], [area_light(eye=(1.0, -1.5, 5.0))], camera, WIDTH, HEIGHT)
 
 
+NAMES = ["many sizes", *(pytest.param(name, marks=() if name == "leaves" else pytest.mark.slow) for name in SCENES)]
+
+
 def scene_of(name):
     return many_sizes_scene() if name == "many sizes" else scene_named(name)
 
 
 @pytest.mark.parametrize("storage", PointStorage)
-@pytest.mark.parametrize("name", [*SCENES, "many sizes"])
+@pytest.mark.parametrize("name", NAMES)
 def test_no_texel_is_missed(device, name, storage):
     """What the rasterizer covers is covered; most of it at the rasterizer's own depth."""
     scene, selected = scene_of(name), range(0, 4)
@@ -44,7 +47,7 @@ def test_no_texel_is_missed(device, name, storage):
         assert missed <= 0.001 * covered.sum()
 
 
-@pytest.mark.parametrize("name", [*SCENES, "many sizes"])
+@pytest.mark.parametrize("name", NAMES)
 def test_passes_agree_with_multiview_rasterization(device, name):
     scene = scene_of(name)
     images = [render_pass(scene, device, method=method, view_count=64, map_resolution_px=512) for method in (Method.MVR, Method.HYBRID)]

@@ -21,6 +21,7 @@ from tests.scenes import (
 )
 from vir_addon.core.passes.eye import GBuffer
 from vir_addon.core.passes.scene_data import pack_directions
+from vir_addon.core.settings import Method
 
 WIDTH, HEIGHT = 80, 45
 VIEWS = 16
@@ -88,8 +89,14 @@ def shadows_at_places(scene, device, method):
         return shadowed / delivered, fitted.views
 
 
-@pytest.mark.parametrize("path", ["pan", "orbit", "visitor"])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        pytest.param(method, path, marks=() if method is Method.MICRO or path == "pan" else pytest.mark.slow)
+        for method in METHODS
+        for path in ("pan", "orbit", "visitor")
+    ],
+)
 def test_shadows_stand_still(device, method, path):
     """The same values from frame to frame, however the windows move; but where texels change by a step of the ladder an edge may move by
     one texel. Between the neighbours of a place, two steps of the grid apart, it passes `spread`."""
