@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tests.ray_tracing import Surfaces, delivered, nearest_blocker, samples_in_world, surfaces_at, world_triangles
-from tests.scenes import area_light, box, bumpy_sphere, floor, perspective_camera, prepared_renderer, rectangle, snapshot
+from tests.scenes import area_light, box, bumpy_sphere, floor, perspective_camera, prepared_renderer, rectangle, render_batches, snapshot
 from vir_addon.core.scene import Mesh, SceneSnapshot
 from vir_addon.core.settings import Method
 from vir_addon.device.interface import Device
@@ -248,8 +248,7 @@ class Measurement:
         scene = self.contact.scene
         settings = {"method": method, "view_count": VIEWS, "map_resolution_px": map_resolution_px}
         with prepared_renderer(scene, self.device, **settings) as renderer:
-            for batch in range(renderer.plan.batch_count):
-                self.device.run(renderer.render_batch, batch)
+            render_batches(renderer)
             image = renderer.read_passes()["VIR Shadow Key"]
             positions = self.device.run(self.device.read, renderer.eye.buffers[0].positions)
             normals = self.device.run(self.device.read, renderer.eye.buffers[0].normals)

@@ -13,7 +13,7 @@ from vir_addon.core.pass_set import shadow_pass_name
 from vir_addon.core.plan import plan
 from vir_addon.core.render import Renderer, render
 from vir_addon.core.scene import Camera, FilterShape, Instances, Light, LightShape, Mesh, OpacityMap, PixelFilter, SceneSnapshot
-from vir_addon.core.settings import Method, Settings
+from vir_addon.core.settings import Method, PointStorage, Settings
 from vir_addon.device.interface import Device
 
 CENTRES_ONLY = PixelFilter(FilterShape.BOX, 0.0)
@@ -260,6 +260,30 @@ def prepared_renderer(scene: SceneSnapshot, device: Device, **settings: Any):
     with contextlib.closing(Renderer(scene, plan(scene, Settings(**settings)), device)) as renderer:
         device.run(renderer.prepare)
         yield renderer
+
+
+def render_batches(renderer: Renderer) -> None:
+    """All of them, without reading anything back."""
+    for batch in range(renderer.plan.batch_count):
+        renderer.device.run(renderer.render_batch, batch)
+
+
+def error_against_rasterization(scene: SceneSnapshot, device: Device, method: Method, **settings: Any) -> float:
+    """RMSE of the first light's pass against `mvr` with the same 64 views, in a scene with shadows."""
+    images = [render_pass(scene, device, method=each, view_count=64, **settings) for each in (Method.MVR, method)]
+    assert (images[0] < 0.9).mean() > 0.05
+    return rmse(*images)
+
+
+def check_portions(scene: SceneSnapshot, device: Device, least_count: int, **settings: Any) -> None:
+    """A buffer of 1 MiB makes at least so many portions, and the same picture; so does having none, for methods that can."""
+    settings = {"view_count": 16, "map_resolution_px": 512, "cull_hidden": False, **settings}
+    whole = render_pass(scene, device, **settings)
+    with prepared_renderer(scene, device, replay_buffer_mib=1, **settings) as renderer:
+        assert renderer.works[0].statistics.portion_count >= least_count
+    np.testing.assert_array_equal(render_pass(scene, device, replay_buffer_mib=1, **settings), whole)
+    if settings["method"].may_be_bufferless:
+        np.testing.assert_array_equal(render_pass(scene, device, points=PointStorage.BUFFERLESS, **settings), whole)
 
 
 def rmse(a: np.ndarray, b: np.ndarray) -> float:

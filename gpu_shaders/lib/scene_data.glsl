@@ -1,6 +1,7 @@
 // The scene's triangles and instances, as core/passes/scene_data.py lays them out.
 #include "lib/linear_texel.glsl"
 #include "lib/octahedral.glsl"
+#include "lib/integer_halves.glsl"
 
 const int SHADING_FLAT = 0;
 const int SHADING_POINT = 1;
@@ -24,10 +25,6 @@ struct TriangleData {
     vec4 corners;      // x, y, z: vertex indices; w: index of the triangle among the scene's triangles
     vec3 packed_normals;  // of its vertices, octahedral
 };
-
-int integer_of(vec2 high_low) {
-    return int(high_low.x) * 65536 + int(high_low.y);
-}
 
 InstanceData load_instance(int instance) {
     int base = instance * INSTANCE_TEXELS;

@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 
 from tests.core.test_micro_triangles import scene_named
-from tests.scenes import area_light, box, floor, perspective_camera, point_light, prepared_renderer, render_passes, rmse, snapshot
+from tests.scenes import (
+    area_light,
+    box,
+    floor,
+    perspective_camera,
+    point_light,
+    prepared_renderer,
+    render_batches,
+    render_passes,
+    rmse,
+    snapshot,
+)
 from vir_addon.core.passes.tiles import PROBE_COUNT, PROBE_STEP_PX, probe_px
 from vir_addon.core.plan import plan
 from vir_addon.core.render import render
@@ -103,8 +114,7 @@ def test_what_only_few_samples_see_is_found_again(device, name):
     scene = under_a_hole(light, height_m, hole_m=0.06)
     arguments = {"view_count": 64, "map_resolution_px": 1024}
     with prepared_renderer(scene, device, resolve=Resolve.FULL, **arguments) as renderer:
-        for batch in range(renderer.plan.batch_count):
-            device.run(renderer.render_batch, batch)
+        render_batches(renderer)
         full = renderer.read_passes()
         _, _, all_surfaces = device.run(renderer.works[0].accumulator.read)
     dim = (full["VIR Shadow"] > 0) & (full["VIR Shadow"] < 0.1)

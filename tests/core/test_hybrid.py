@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 
 from tests.core.test_micro_triangles import maps_of_all_faces, scene_named
-from tests.scenes import area_light, bumpy_sphere, floor, perspective_camera, prepared_renderer, render_pass, rmse, snapshot
+from tests.scenes import (
+    area_light,
+    bumpy_sphere,
+    check_portions,
+    error_against_rasterization,
+    floor,
+    perspective_camera,
+    prepared_renderer,
+    render_pass,
+    rmse,
+    snapshot,
+)
 from vir_addon.core.errors import UsageError
 from vir_addon.core.settings import Method, PointStorage, Settings
 from vir_addon.device.interface import EMPTY_DEPTH_BITS
@@ -50,9 +61,7 @@ def test_no_texel_is_missed(device, name, storage):
 @pytest.mark.parametrize("name", NAMES)
 def test_passes_agree_with_multiview_rasterization(device, name):
     scene = scene_of(name)
-    images = [render_pass(scene, device, method=method, view_count=64, map_resolution_px=512) for method in (Method.MVR, Method.HYBRID)]
-    assert (images[0] < 0.9).mean() > 0.05
-    error = rmse(*images)
+    error = error_against_rasterization(scene, device, Method.HYBRID, map_resolution_px=512)
     print(f"{name}: RMSE {error:.5f}")
     assert error <= 0.01
 
@@ -87,13 +96,7 @@ def test_lowest_bit_tells_points_from_rasterized_triangles(device):
 
 
 def test_portions_make_the_same_picture(device):
-    scene = many_sizes_scene()
-    arguments = {"method": Method.HYBRID, "view_count": 16, "map_resolution_px": 512, "cull_hidden": False}
-    whole = render_pass(scene, device, **arguments)
-    with prepared_renderer(scene, device, replay_buffer_mib=1, **arguments) as renderer:
-        assert renderer.works[0].statistics.portion_count > 1
-    np.testing.assert_array_equal(render_pass(scene, device, replay_buffer_mib=1, **arguments), whole)
-    np.testing.assert_array_equal(render_pass(scene, device, points=PointStorage.BUFFERLESS, **arguments), whole)
+    check_portions(many_sizes_scene(), device, 2, method=Method.HYBRID)
 
 
 def test_threshold_out_of_range():

@@ -6,7 +6,19 @@ import numpy as np
 import pytest
 
 from tests.ray_tracing import bracket_pass
-from tests.scenes import METHODS, area_light, box, bumpy_sphere, floor, perspective_camera, prepared_renderer, render_passes, rmse, snapshot
+from tests.scenes import (
+    METHODS,
+    area_light,
+    box,
+    bumpy_sphere,
+    floor,
+    perspective_camera,
+    prepared_renderer,
+    render_batches,
+    render_passes,
+    rmse,
+    snapshot,
+)
 
 WIDTH, HEIGHT = 28, 16
 BALL, BOX, FLOOR = 0, 1, 2
@@ -39,8 +51,7 @@ CASES = {
 def test_linked_pass_lies_within_a_texel_of_the_truth(device, name, method):
     scene = CASES[name]()
     with prepared_renderer(scene, device, method=method, view_count=16, map_resolution_px=512) as renderer:
-        for batch in range(renderer.plan.batch_count):
-            device.run(renderer.render_batch, batch)
+        render_batches(renderer)
         image = renderer.read_passes()["VIR Shadow Key"]
         (work,) = renderer.works
         positions = device.run(device.read, renderer.eye.buffers[0].positions)

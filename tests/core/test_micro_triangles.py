@@ -11,6 +11,8 @@ from tests.scenes import (
     area_light,
     box,
     bumpy_sphere,
+    check_portions,
+    error_against_rasterization,
     floor,
     perspective_camera,
     prepared_renderer,
@@ -95,9 +97,7 @@ def test_triangles_that_share_an_edge_leave_nothing_between_them(device):
 @pytest.mark.parametrize("name", ["sphere", "room", "leaves", "low light", "sun"])
 def test_passes_agree_with_multiview_rasterization(device, name):
     scene = scene_named(name)
-    images = [render_pass(scene, device, method=method, view_count=64, map_resolution_px=512) for method in (Method.MVR, Method.MICRO)]
-    assert (images[0] < 0.9).mean() > 0.05
-    error = rmse(*images)
+    error = error_against_rasterization(scene, device, Method.MICRO, map_resolution_px=512)
     print(f"{name}: RMSE {error:.5f}")
     assert error <= 0.001
 
@@ -109,12 +109,7 @@ def test_portions_make_the_same_picture(device, name):
         meshes, light = leaves_scene()
         dense = bumpy_sphere("dense", (0.6, 0.4, 0.9), 0.5, 150)
         scene = snapshot([*meshes, dense], [light], scene.camera, WIDTH, HEIGHT)
-    arguments = {"method": Method.MICRO, "view_count": 16, "map_resolution_px": 512, "cull_hidden": False}
-    whole = render_pass(scene, device, **arguments)
-    with prepared_renderer(scene, device, replay_buffer_mib=1, **arguments) as renderer:
-        work = renderer.works[0]
-        assert work.statistics.portion_count > (1 if name == "leaves" else 0)
-    np.testing.assert_array_equal(render_pass(scene, device, replay_buffer_mib=1, **arguments), whole)
+    check_portions(scene, device, 2 if name == "leaves" else 1, method=Method.MICRO)
 
 
 @pytest.mark.parametrize("name", ["sphere", "leaves", "low light"])

@@ -12,6 +12,7 @@ from tests.scenes import (
     point_light,
     prepared_renderer,
     rectangle,
+    render_batches,
     render_pass,
     rmse,
     snapshot,
@@ -110,8 +111,7 @@ def test_lamp_in_an_empty_room_lights_all_of_it(device, method, radius_m):
         camera = perspective_camera(-1.6 * np.array(direction), 3 * np.array(direction), 48, 48, 1.2)
         scene = snapshot([room_around()], [light], camera, 48, 48)
         with prepared_renderer(scene, device, method=method, view_count=8, map_resolution_px=128) as renderer:
-            for batch in range(renderer.plan.batch_count):
-                device.run(renderer.render_batch, batch)
+            render_batches(renderer)
             image, positions = renderer.read_passes()["VIR Shadow Key"], device.run(device.read, renderer.eye.buffers[0].positions)
         # within a texel of the next wall its map cannot tell which of them is nearer
         clear = np.sort(np.abs(positions[..., :3]), axis=-1)[..., 1] < 2.0 - 0.06

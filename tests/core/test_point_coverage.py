@@ -10,6 +10,8 @@ from tests.scenes import (
     area_light,
     box,
     bumpy_sphere,
+    check_portions,
+    error_against_rasterization,
     floor,
     leaves,
     perspective_camera,
@@ -102,11 +104,7 @@ def test_maps_have_no_holes(device, name, storage):
 @pytest.mark.parametrize("name", ["sphere", "room"])
 def test_passes_agree(device, name):
     scene = made(name)
-    images = {
-        method: render_pass(scene, device, method=method, view_count=64, map_resolution_px=1024) for method in (Method.MVR, Method.IVIR)
-    }
-    assert (images[Method.MVR] < 0.9).mean() > 0.05
-    error = rmse(images[Method.MVR], images[Method.IVIR])
+    error = error_against_rasterization(scene, device, Method.IVIR, map_resolution_px=1024)
     print(f"{name}: RMSE {error:.5f}")
     assert error <= 0.01
 
@@ -122,21 +120,11 @@ def test_every_view_of_a_batch_is_served(device):
 
 def test_portions_make_the_same_picture(device):
     """Also a single triangle that fills the buffer several times."""
-    scene = made("room")
-    arguments = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": 512, "cull_hidden": False}
-    whole = render_pass(scene, device, **arguments)
-    with prepared_renderer(scene, device, replay_buffer_mib=1, **arguments) as renderer:
-        assert renderer.works[0].statistics.portion_count > 3
-    np.testing.assert_array_equal(render_pass(scene, device, replay_buffer_mib=1, **arguments), whole)
-    np.testing.assert_array_equal(render_pass(scene, device, points=PointStorage.BUFFERLESS, **arguments), whole)
+    check_portions(made("room"), device, 4, method=Method.IVIR)
 
 
 def test_many_small_triangles_in_portions_make_the_same_picture(device):
-    scene = made("leaves")
-    arguments = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": 512, "cull_hidden": False}
-    whole = render_pass(scene, device, **arguments)
-    np.testing.assert_array_equal(render_pass(scene, device, replay_buffer_mib=1, **arguments), whole)
-    np.testing.assert_array_equal(render_pass(scene, device, points=PointStorage.BUFFERLESS, **arguments), whole)
+    check_portions(made("leaves"), device, 1, method=Method.IVIR)
 
 
 @pytest.mark.parametrize("name", SCENES)

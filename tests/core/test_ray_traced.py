@@ -15,6 +15,7 @@ from tests.scenes import (
     point_light,
     prepared_renderer,
     rectangle,
+    render_batches,
     rmse,
     snapshot,
     spot_light,
@@ -95,8 +96,7 @@ def is_quick(name, method):
 def test_pass_lies_within_a_texel_of_the_truth(device, name, method):
     scene = SCENES[name]()
     with prepared_renderer(scene, device, method=method, view_count=VIEWS, map_resolution_px=1024) as renderer:
-        for batch in range(renderer.plan.batch_count):
-            device.run(renderer.render_batch, batch)
+        render_batches(renderer)
         image = renderer.read_passes()["VIR Shadow Key"]
         (work,) = renderer.works
         faces = [fitted for fitted, _, _ in work.faces]

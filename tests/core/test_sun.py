@@ -15,6 +15,7 @@ from tests.scenes import (
     perspective_camera,
     prepared_renderer,
     rectangle,
+    render_batches,
     render_pass,
     rmse,
     snapshot,
@@ -99,8 +100,7 @@ def traced(scene, samples_m, positions):
 def test_against_rays(device, method, angle_rad):
     scene = still_life(sun_light(eye=(3.0, -4.0, 5.0), angle_rad=angle_rad))
     with prepared_renderer(scene, device, method=method, view_count=16, map_resolution_px=1024) as renderer:
-        for batch in range(renderer.plan.batch_count):
-            device.run(renderer.render_batch, batch)
+        render_batches(renderer)
         image, (work,) = renderer.read_passes()["VIR Shadow Key"], renderer.works
         truth, pixel = traced(scene, work.samples_m, device.run(device.read, renderer.eye.buffers[0].positions))
     assert 0.2 < truth.mean() < 0.97 and truth.std() > 0.1

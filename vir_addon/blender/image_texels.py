@@ -9,7 +9,9 @@ import numpy as np
 
 MAX_SIDE_PX = 2048
 """A larger image is shrunk: a texel of a leaf is smaller than one of a depth map long before, and 4 MiB an image are enough."""
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+LUMINANCE = (0.2126, 0.7152, 0.0722)
+"""of linear colours"""
+_LUMINANCE_OF_TEXELS = np.array(LUMINANCE, np.float32)
 
 
 class Channel(enum.Enum):
@@ -93,8 +95,8 @@ def _gray(colors: np.ndarray, *, is_encoded: bool) -> np.ndarray:
     if np.array_equal(colors[..., 0], colors[..., 1]) and np.array_equal(colors[..., 0], colors[..., 2]):
         return colors[..., 0]
     if not is_encoded:
-        return colors @ _LUMINANCE
-    return _linear_to_srgb(srgb_to_linear(colors) @ _LUMINANCE)
+        return colors @ _LUMINANCE_OF_TEXELS
+    return _linear_to_srgb(srgb_to_linear(colors) @ _LUMINANCE_OF_TEXELS)
 
 
 def _shrink(pixels: np.ndarray) -> np.ndarray:

@@ -16,13 +16,12 @@ import mathutils
 import numpy as np
 
 from ..core.scene import Extension, LeftOut, OpacityMap
-from .image_texels import Channel, UnreadableImage, has_encoded_color, read_texels, srgb_to_linear
+from .image_texels import LUMINANCE, Channel, UnreadableImage, has_encoded_color, read_texels, srgb_to_linear
 
 UvRows = tuple[tuple[float, float, float], tuple[float, float, float]]
 _IDENTITY: UvRows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 _TEXEL_VALUES = np.linspace(0.0, 1.0, 256)
 _EXTENSIONS = {kind.name: kind for kind in Extension}
-_LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 class _UnreadableError(Exception):
@@ -226,7 +225,7 @@ def _shader_opacity(shader: _Input) -> _Scalar:  # noqa: PLR0911  one a kind of 
             color = here.of(node, "Color")
             if color.source()[0] is not None:
                 raise _UnreadableError("the colour that a Transparent BSDF gets from other nodes")
-            return _constant(1.0 - min(float(np.dot(color.source()[2].socket.default_value[:3], _LUMINANCE)), 1.0))
+            return _constant(1.0 - min(float(np.dot(color.source()[2].socket.default_value[:3], LUMINANCE)), 1.0))
         case "MIX_SHADER":
             first, second = (_shader_opacity(here.of(node, identifier)) for identifier in ("Shader", "Shader_001"))
             if first.constant is not None and first.constant == second.constant:
@@ -265,7 +264,7 @@ def _scalar(number: _Input) -> _Scalar:  # noqa: PLR0911  one a kind of node
     node, output, here = number.source()
     if node is None:
         value = here.socket.default_value
-        return _constant(float(value) if isinstance(value, (int, float)) else float(np.dot(value[:3], _LUMINANCE)))
+        return _constant(float(value) if isinstance(value, (int, float)) else float(np.dot(value[:3], LUMINANCE)))
     match node.type:
         case "VALUE":
             return _constant(float(node.outputs[0].default_value))
@@ -312,7 +311,7 @@ def _mapped_range(node: bpy.types.Node, here: _Input) -> _Scalar:
 
 def _color_ramp(node: bpy.types.Node, place: _Scalar, *, is_alpha: bool) -> _Scalar:
     colors = np.array([node.color_ramp.evaluate(x) for x in _TEXEL_VALUES])
-    values = colors[:, 3] if is_alpha else colors[:, :3] @ np.array(_LUMINANCE)
+    values = colors[:, 3] if is_alpha else colors[:, :3] @ np.array(LUMINANCE)
     return _combined(lambda a: np.interp(a, _TEXEL_VALUES, values), place)
 
 

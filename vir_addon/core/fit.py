@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .bounds import FLAT_TOLERANCE, SceneBounds
+from .sampling import light_samples
 from .scene import Light, LightShape, SceneSnapshot
 from .views import (
     MAX_SINGLE_FACE_TANGENT,
@@ -185,13 +186,13 @@ def shadowing_casters(
     return CasterSet(indices, bounds.corners_ws[indices])
 
 
-def may_shadow(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds, places_ws: np.ndarray, samples_m: np.ndarray) -> bool:
+def may_shadow(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds, places_ws: np.ndarray, view_count: int) -> bool:
     """Whether `shadowing_casters` may find any for receivers within the hull of some places, (n, 3) world space. True where looking at
     all of them would take long."""
     indices = light_casters(snapshot, light)
     if (bounds.flat_axis[snapshot.instances.mesh_index[indices]] < 0).any() or len(indices) * len(places_ws) > MAX_PAIRS:
         return True
-    samples_ws = _samples_in_world(light, bounds, samples_m)
+    samples_ws = _samples_in_world(light, bounds, light_samples(light, view_count))
     return any(not _shadows_nothing(snapshot, bounds, int(i), samples_ws, places_ws) for i in indices)
 
 

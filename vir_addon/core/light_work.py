@@ -24,6 +24,9 @@ from .scene import Light, LightShape
 from .settings import Resolve
 from .stopwatch import Stopwatch
 
+LightFace = tuple[FittedFace, np.ndarray, DepthMapMethod | None]
+"""with its table for the kernels; without a method where nothing casts"""
+
 
 class MapStore:
     """Textures that all lights share because only one batch uses them at a time."""
@@ -116,7 +119,11 @@ class LightWork:
             view_count=planned.view_count,
             map_resolution_px=planned.map_resolution_px,
         )
-        self.faces: list[tuple[FittedFace, np.ndarray, DepthMapMethod | None]] = []
+        self.faces: list[LightFace] = []
+        self.mapped: list[LightFace] = []
+        """those that dispatches are for"""
+        self.masks: list[int] = []
+        """faces that each of these dispatches looks up, a bit each"""
         self.reference_m = 1.0
         """distance at which the light delivers 1 in the running sums, which keeps them near 1 in scenes of any scale"""
 
@@ -133,6 +140,11 @@ class LightWork:
                 self.reference_m = max((fitted.views.far_m for fitted in fitted_faces), default=1.0)
             culled = cullable_instances(snapshot, bounds, None if is_sun else light_hull(self.light, self.samples_m))
             self.faces = [self._face(fitted, culled) for fitted in fitted_faces]
+            # faces without casters need no map: the first dispatch looks them up too, or one of their own if there is no other
+            self.mapped = [face for face in self.faces if face[2] is not None] or self.faces[:1]
+            self.masks = [1 << fitted.views.face.index for fitted, _, _ in self.mapped]
+            if self.mapped:
+                self.masks[0] |= sum(1 << fitted.views.face.index for fitted, _, method in self.faces if method is None)
         for _, _, method in self.faces:
             if method is not None:
                 with stopwatch.stage("points"):
@@ -143,7 +155,7 @@ class LightWork:
                 self.statistics.reason = f"{self.planned.reason}; {NO_MAP_REASON}"
         self._update_statistics()
 
-    def _face(self, fitted: FittedFace, culled: np.ndarray) -> tuple[FittedFace, np.ndarray, DepthMapMethod | None]:
+    def _face(self, fitted: FittedFace, culled: np.ndarray) -> LightFace:
         table = face_table(fitted.views, self.light, self.reference_m)
         if not len(fitted.caster_indices):
             return fitted, table, None
@@ -174,44 +186,27 @@ class LightWork:
     def render_batch(self, batch: int, eye: EyePass, stopwatch: Stopwatch) -> None:
         selected = self.batch_views(batch)
         self.accumulator.begin_batch(len(eye.buffers))
-        # faces without casters need no map: the first dispatch looks them up too, or one of their own if there is no other
-        mapped = [face for face in self.faces if face[2] is not None] or self.faces[:1]
-        masks = [1 << fitted.views.face.index for fitted, _, _ in mapped]
-        if mapped:
-            masks[0] |= sum(1 << fitted.views.face.index for fitted, _, method in self.faces if method is None)
         turns: FaceTurns | None = None
-        for index, (fitted, table, method) in enumerate(mapped):
+        for index, (fitted, _, method) in enumerate(self.mapped):
             maps = self.store.maps(fitted.views.map_width_px, fitted.views.map_height_px, self.largest_batch)
             if method is not None:
                 with stopwatch.stage("splat or raster"):
                     method.fill(maps, selected)
-            face = {
-                "depth_maps": maps.texture,
-                "face": table,
-                "views": views_table(fitted.views, selected),
-                "samples": samples_table(fitted.views, self.sample_weights, selected),
-                "map_face": fitted.views.face.index,
-                "face_mask": masks[index],
-            }
             with stopwatch.stage("resolve"):
-                rounds = [{**self._round(eye, part, len(selected)), **face} for part in range(len(eye.buffers))]
+                rounds = self._rounds(eye, index, maps, selected)
                 if turns is None:
-                    turns = FaceTurns(masks, np.array([self._tile_faces(one, many_faces=len(masks) > 1) for one in rounds]))
+                    turns = FaceTurns(self.masks, np.array([self._tile_faces(look_up) for look_up in rounds]))
                 for part, look_up in enumerate(rounds):
-                    if self._probe(batch, turns.sees[part, index], look_up):
-                        were_lit = self.accumulator.tile_states == STATE_LIT
-                        reopened = self.accumulator.reopen(turns.skipped_by(index, part))
-                        eye.want_also(reopened)
-                        turns.begin_late(index, part, reopened, were_lit)
+                    self._reopen_changed(batch, eye, turns, index, part, look_up)
                     self._resolve(part, turns.of(index, part), look_up)
         if not self.faces:
             # nothing visible is reached; surfaces still have to be told from the background
             with stopwatch.stage("resolve"):
                 nothing = {"map_face": 0, "face_mask": 0, "depth_maps": self.store.maps(1, 1, 1).texture}
                 empty = {name: np.zeros((1, 4)) for name in ("face", "views", "samples")}
+                only_turn = np.full(self.accumulator.looked_up.shape, FIRST_FACE | LAST_FACE)
                 for part in range(len(eye.buffers)):
-                    turns = FaceTurns([1], self.accumulator.looked_up[None])
-                    self._resolve(part, turns.of(0, 0), {**self._round(eye, part, 0), **empty, **nothing})
+                    self._resolve(part, only_turn, {**self._round(eye, part, 0), **empty, **nothing})
         if self._may_settle(batch):
             with stopwatch.stage("resolve"):
                 self.accumulator.settle(*eye.buffers[-1])
@@ -246,27 +241,43 @@ class LightWork:
             "height": height,
         }
 
-    def _tile_faces(self, look_up: dict[str, Any], *, many_faces: bool) -> np.ndarray:
+    def _rounds(self, eye: EyePass, index: int, maps: DepthMaps, selected: range) -> list[dict[str, Any]]:
+        """What RESOLVE is bound to for each of a batch's eye samples while the maps are those of a face."""
+        fitted, table, _ = self.mapped[index]
+        face = {
+            "depth_maps": maps.texture,
+            "face": table,
+            "views": views_table(fitted.views, selected),
+            "samples": samples_table(fitted.views, self.sample_weights, selected),
+            "map_face": fitted.views.face.index,
+            "face_mask": self.masks[index],
+        }
+        return [{**self._round(eye, part, len(selected)), **face} for part in range(len(eye.buffers))]
+
+    def _tile_faces(self, look_up: dict[str, Any]) -> np.ndarray:
         """(rows, columns) uint32: a bit for every face that the tile's surfaces are seen in"""
         rows, columns = self.accumulator.looked_up.shape
-        if not many_faces:
-            return np.full((rows, columns), look_up["face_mask"], np.uint32)
+        if len(self.masks) == 1:
+            return np.full((rows, columns), self.masks[0], np.uint32)
         names = ("positions", "width", "height", "first_view", "view_count", "face", "samples")
         with Owned() as temporary:
             tile_faces = temporary.own(self.device.create_texture(columns, rows, TextureFormat.R32UI))
-            self.device.compute_kernel(TILE_FACES).dispatch(
-                (-(-columns // 8), -(-rows // 8), 1), tile_faces=tile_faces, **{name: look_up[name] for name in names}
-            )
+            kernel = self.device.compute_kernel(TILE_FACES)
+            kernel.dispatch_grid((columns, rows), tile_faces=tile_faces, **{name: look_up[name] for name in names})
             return self.device.read(tile_faces)
 
-    def _probe(self, batch: int, wanted: np.ndarray, look_up: dict[str, Any]) -> bool:
-        """Look settled tiles up at a few pixels, at others in every batch. Returns False if there are none."""
+    def _reopen_changed(self, batch: int, eye: EyePass, turns: FaceTurns, index: int, part: int, look_up: dict[str, Any]) -> None:
+        """Look settled tiles up at a few pixels, at others in every batch, and go on with those that are not what they were."""
         with Owned() as temporary:
-            tiles = temporary.own(self.accumulator.tiles_to_probe(wanted))
-            if tiles.count:
-                self.device.fill(self.accumulator.disagreeing, 0)
-                tiles.dispatch_probes(self.device.compute_kernel(RESOLVE, *self.resolve_flags, "PROBES"), batch, **look_up)
-            return tiles.count > 0
+            tiles = temporary.own(self.accumulator.tiles_to_probe(turns.sees[part, index]))
+            if not tiles.count:
+                return
+            self.device.fill(self.accumulator.disagreeing, 0)
+            tiles.dispatch_probes(self.device.compute_kernel(RESOLVE, *self.resolve_flags, "PROBES"), batch, **look_up)
+        were_lit = self.accumulator.tile_states == STATE_LIT
+        reopened = self.accumulator.reopen(turns.skipped_by(index, part))
+        eye.want_also(reopened)
+        turns.begin_late(index, part, reopened, were_lit)
 
     def _resolve(self, part: int, turns: np.ndarray, look_up: dict[str, Any]) -> None:
         with Owned() as temporary:

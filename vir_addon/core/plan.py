@@ -14,7 +14,6 @@ from .errors import SceneError, UsageError
 from .fit import choose_faces, light_casters, lit_places, may_shadow
 from .pass_set import unique_pass_names
 from .passes.shadow_maps import MAX_BATCH_VIEWS
-from .sampling import light_samples
 from .scene import Camera, Light, LightShape, SceneSnapshot
 from .settings import Method, PointStorage, Settings
 from .views import light_axes
@@ -79,8 +78,9 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     lights = _chosen_lights(snapshot, settings)
     names = unique_pass_names([light.name for light in snapshot.lights])
     bounds = compute_bounds(snapshot)
-    places_ws = _visible_places(snapshot, bounds.corners_ws)
-    passes = tuple(_plan_light(snapshot, light, names[light.name], settings, bounds, places_ws) for light in lights)
+    in_picture = snapshot.instances.visible_to_camera & _may_be_in_picture(snapshot.camera, bounds.corners_ws)
+    places_ws = _visible_places(snapshot.camera, bounds.corners_ws[in_picture])
+    passes = tuple(_plan_light(snapshot, light, names[light.name], settings, bounds, in_picture, places_ws) for light in lights)
     running = [planned for planned in passes if planned.runs]
     most_views = max((planned.view_count for planned in running), default=0)
     batch_count = _batch_count(most_views, settings.map_resolution_px) if running else 1
@@ -144,16 +144,24 @@ def _chosen_lights(snapshot: SceneSnapshot, settings: Settings) -> list[Light]:
 
 
 def _plan_light(
-    snapshot: SceneSnapshot, light: Light, pass_name: str, settings: Settings, bounds: SceneBounds, places_ws: np.ndarray
+    snapshot: SceneSnapshot,
+    light: Light,
+    pass_name: str,
+    settings: Settings,
+    bounds: SceneBounds,
+    in_picture: np.ndarray,
+    places_ws: np.ndarray,
 ) -> PlannedPass:
-    skipped = _reason_to_skip(snapshot, light, bounds.corners_ws)
+    """in_picture: (instance_count,) bool; places_ws: (n, 3) of `_visible_places`"""
+    receiver_boxes = bounds.corners_ws[in_picture if light.receivers is None else in_picture & light.receivers]
+    skipped = _reason_to_skip(snapshot, light, bool(in_picture.any()), receiver_boxes)
     if skipped is not None:
         reason, surface_value = skipped
         return PlannedPass(light.name, pass_name, runs=False, reason=reason, surface_value=surface_value)
     _refuse_what_the_method_cannot_do(light, settings)
     view_count = settings.view_count if light.has_size else 1
     reason = _describe(light) if light.has_size else f"{_describe(light)} without size: one view, a hard shadow"
-    if not may_shadow(snapshot, light, bounds, _receiving_corners(snapshot, light, bounds), light_samples(light, view_count)):
+    if not may_shadow(snapshot, light, bounds, receiver_boxes.reshape(-1, 3), view_count):
         return PlannedPass(
             light.name,
             pass_name,
@@ -206,14 +214,6 @@ def _refuse_what_the_method_cannot_do(light: Light, settings: Settings) -> None:
         )
 
 
-def _receiving_corners(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds) -> np.ndarray:
-    """(n, 3) corners of the boxes of what the light may light in the picture"""
-    visible = snapshot.instances.visible_to_camera & _may_be_in_picture(snapshot.camera, bounds.corners_ws)
-    if light.receivers is not None:
-        visible &= light.receivers
-    return bounds.corners_ws[visible].reshape(-1, 3)
-
-
 def _caster_meshes(snapshot: SceneSnapshot, light: Light) -> np.ndarray:
     """(n,) int32 meshes that may cast this light's shadow."""
     return np.unique(snapshot.instances.mesh_index[light_casters(snapshot, light)])
@@ -228,9 +228,8 @@ def _describe(light: Light) -> str:
     return f"{kind} of {light.radius_m:.3g} m radius" if light.has_size else kind
 
 
-def _visible_places(snapshot: SceneSnapshot, corners_ws: np.ndarray) -> np.ndarray:
-    """(n, 3) places in the boxes of what may be seen, on a coarse lattice, as far as they are in the camera's view."""
-    boxes = corners_ws[snapshot.instances.visible_to_camera & _may_be_in_picture(snapshot.camera, corners_ws)]
+def _visible_places(camera: Camera, boxes: np.ndarray) -> np.ndarray:
+    """(n, 3) places in boxes, (m, 8, 3) world space, on a coarse lattice, as far as they are in the camera's view."""
     largest = np.argsort(-np.ptp(boxes, axis=1).max(axis=1), kind="stable")
     boxes = boxes[largest[:MAX_LATTICE_BOXES]]
     u = np.linspace(0, 1, LATTICE_STEPS)
@@ -238,7 +237,7 @@ def _visible_places(snapshot: SceneSnapshot, corners_ws: np.ndarray) -> np.ndarr
     # corner i of a box lies at bit k of i along axis k (core/bounds.py)
     edges = boxes[:, [1, 2, 4]] - boxes[:, :1]
     places = (boxes[:, :1] + lattice[:, 0] @ edges).reshape(-1, 1, 3)
-    return places[_may_be_in_picture(snapshot.camera, places), 0]
+    return places[_may_be_in_picture(camera, places), 0]
 
 
 def _likely_face_count(light: Light, places_ws: np.ndarray) -> int:
@@ -253,20 +252,20 @@ def _likely_face_count(light: Light, places_ws: np.ndarray) -> int:
     return sum(bool((np.abs(p_fs[:, :2]) <= p_fs[:, 2:]).all(axis=1).any()) for p_fs in (p @ face.face_from_world.T for face in faces))
 
 
-def _reason_to_skip(snapshot: SceneSnapshot, light: Light, corners_ws: np.ndarray) -> tuple[str, float] | None:  # noqa: PLR0911  a list of reasons
-    """The reason and the value of surfaces, or None when the light calls for work."""
+def _reason_to_skip(  # noqa: PLR0911  a list of reasons
+    snapshot: SceneSnapshot, light: Light, is_anything_seen: bool, receiver_boxes: np.ndarray
+) -> tuple[str, float] | None:
+    """The reason and the value of surfaces, or None when the light calls for work. receiver_boxes: (n, 8, 3) world space, of what is in
+    the picture"""
     if not light.casts_shadow:
         return "skipped: the light casts no shadow", 1.0
     if light.strength == 0 or not math.isfinite(light.strength):
         return "skipped: the light has no strength", 1.0
-    visible = snapshot.instances.visible_to_camera & _may_be_in_picture(snapshot.camera, corners_ws)
-    if not visible.any():
+    if not is_anything_seen:
         return "skipped: no surface is in the picture", 1.0
-    if light.receivers is not None:
-        visible &= light.receivers
-        if not visible.any():
-            return "skipped: light linking leaves it nothing in the picture to light", 1.0
-    if not _may_shine_on(light, corners_ws[visible]):
+    if not len(receiver_boxes):
+        return "skipped: light linking leaves it nothing in the picture to light", 1.0
+    if not _may_shine_on(light, receiver_boxes):
         return f"skipped: it {'faces away from' if light.shape.is_area else 'does not shine on'} everything in the picture", 0.0
     if not len(light_casters(snapshot, light)):
         return "skipped: nothing casts its shadow", 1.0

@@ -94,6 +94,11 @@ class ComputeKernel(abc.ABC):
         """Run. Every name of the declaration must be bound; numbers and matrices by value, textures by object,
         tables as (rows, 4) float32 arrays."""
 
+    def dispatch_grid(self, size: tuple[int, int], /, **bindings: Any) -> None:
+        """Run at least `size` invocations in x and y."""
+        width, height = self.declaration.local_size[:2]
+        self.dispatch((math.ceil(size[0] / width), math.ceil(size[1] / height), 1), **bindings)
+
     def dispatch_linear(self, invocation_count: int, /, **bindings: Any) -> None:
         """Run at least `invocation_count` invocations in x; lib/linear_texel.glsl's `linear_invocation()` numbers them."""
         if invocation_count <= 0:

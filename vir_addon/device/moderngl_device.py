@@ -195,10 +195,8 @@ class ModernglDevice(Device):
         try:
             # on Linux the default would be X11, which needs a display and replaces the context of a running Blender;
             # elsewhere EGL is missing
-            if sys.platform == "linux":
-                native = self.glcontext.get_backend_by_name("egl")(mode="standalone", glversion=MINIMUM_OPENGL)
-            else:
-                native = self.glcontext.default_backend()(mode="standalone", glversion=MINIMUM_OPENGL)
+            backend = self.glcontext.get_backend_by_name("egl") if sys.platform == "linux" else self.glcontext.default_backend()
+            native = backend(mode="standalone", glversion=MINIMUM_OPENGL)
             self.context = self.moderngl.create_context(require=MINIMUM_OPENGL, standalone=True, context=native)
         except Exception as error:
             # glcontext raises bare Exceptions whose text is all there is to go by

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -101,19 +102,22 @@ class DepthMapMethod(abc.ABC):
         if not self.has_cut_outs or self.scene_data.opacity_maps is None:
             return
         kernel = self.device.raster_kernel(RASTERIZE_CUT_OUTS, *self.raster_flags)
-        views = self.fitted.views
         bindings = {
             "instances": self.scene_data.instances,
             "face": self.face_table,
             "views": table,
             **self.scene_data.opacity_maps.bindings,
         }
-        for index, view in enumerate(selected):
-            seen = self.fitted.caster_indices[self.fitted.seen_by_view[view]]
-            viewport = (0, index * views.map_height_px, views.map_width_px, views.map_height_px)
+        for index, seen, viewport in self.maps_to_draw(selected):
             draws = self.scene_data.draws(seen[self.scene_data.cut_out[seen]])
             kernel.draw(maps.target, viewport, draws, view_index=index, map_number=self._cut_out_map_count + index, **bindings)
         self._cut_out_map_count += len(selected)
+
+    def maps_to_draw(self, selected: range) -> Iterator[tuple[int, np.ndarray, tuple[int, int, int, int]]]:
+        """For the rasterizer, of every selected view: its place in the batch, (n,) int64 casters that it sees, its map's viewport."""
+        width, height = self.fitted.views.map_width_px, self.fitted.views.map_height_px
+        for index, view in enumerate(selected):
+            yield index, self.fitted.caster_indices[self.fitted.seen_by_view[view]], (0, index * height, width, height)
 
     def views_table(self, selected: range) -> np.ndarray:
         return views_table(self.fitted.views, selected)

@@ -261,21 +261,20 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
                 point_count=self.buffered_point_count,
             )
         if self.portion_count == 1 and self._may_search_hidden(selected):
-            self._keep_seen_points(maps, selected)
+            self._keep_seen_points(**outputs)
 
-    def _keep_seen_points(self, maps: DepthMaps, selected: range) -> None:
+    def _keep_seen_points(self, **batch: Any) -> None:
+        """batch: what points are splatted with"""
         self._has_searched_hidden = True
         with Owned() as temporary:
             kept = temporary.own(LinearStore(self.device, self.buffered_point_count))
             self.device.fill(self.counters, 0)
             self.device.compute_kernel(KEEP_SEEN_POINTS, *self.projection_flags).dispatch_linear(
                 self.buffered_point_count,
+                **batch,
                 points=self.points.texture,
-                depth_maps=maps.texture,
                 kept_points=kept.texture,
                 counters=self.counters,
-                views=self.views_table(selected),
-                view_count=len(selected),
                 face=self.face_table,
                 point_count=self.buffered_point_count,
             )

@@ -72,14 +72,12 @@ class LargeTriangles:
 
         views: rows of `views_table` of the selected views.
         """
-        method, fitted = self.method, self.method.fitted
+        method = self.method
         kernel = method.device.raster_kernel(RASTERIZE_DEPTH, "PLACED", *method.raster_flags)
-        width, height = fitted.views.map_width_px, fitted.views.map_height_px
-        for index, view in enumerate(selected):
-            seen = np.zeros(len(method.culled), bool)
-            seen[fitted.caster_indices[fitted.seen_by_view[view]]] = True
-            draws = [draw for placed in self._lists for draw in placed.draws(seen, method.culled)]
-            viewport = (0, index * height, width, height)
+        for index, seen, viewport in method.maps_to_draw(selected):
+            is_seen = np.zeros(len(method.culled), bool)
+            is_seen[seen] = True
+            draws = [draw for placed in self._lists for draw in placed.draws(is_seen, method.culled)]
             bindings = {"instances": method.scene_data.instances, "face": method.face_table, "views": views, "view_index": index}
             kernel.draw(maps.target, viewport, draws, **bindings)
 

@@ -17,11 +17,8 @@ class MultiviewRasterization(DepthMapMethod):
         target = maps.target
         self.device.fill(maps.texture, EMPTY_DEPTH_BITS)
         self.device.fill(target.depth, 0)
-        views = self.fitted.views
         table = self.views_table(selected)
-        for index, view in enumerate(selected):
-            seen = self.fitted.caster_indices[self.fitted.seen_by_view[view]]
-            viewport = (0, index * views.map_height_px, views.map_width_px, views.map_height_px)
+        for index, seen, viewport in self.maps_to_draw(selected):
             draws = self.scene_data.draws(seen[~self.scene_data.cut_out[seen]], self.culled)
             kernel.draw(target, viewport, draws, instances=self.scene_data.instances, face=self.face_table, views=table, view_index=index)
         self._rasterize_cut_outs(maps, selected, table)

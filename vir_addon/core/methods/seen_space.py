@@ -13,11 +13,12 @@ from ..views import FaceViews
 
 def window_bounds(views: FaceViews) -> np.ndarray:
     """(4,) float64 tangents (of suns, metres) left, right, bottom, top around the windows of all views."""
-    windows = _windows(views)
+    windows = windows_of_views(views)
     return np.array([windows[:, 0].min(), windows[:, 1].max(), windows[:, 2].min(), windows[:, 3].max()])
 
 
-def _windows(views: FaceViews) -> np.ndarray:
+def windows_of_views(views: FaceViews) -> np.ndarray:
+    """(view_count, 4) float64 tangents (of suns, metres) left, right, bottom, top"""
     return np.array([views.window_tangents(k) for k in range(views.view_count)])
 
 
@@ -27,7 +28,7 @@ def seen_space_planes(views: FaceViews) -> np.ndarray:
     What a view sees ends, at depth z, at a place linear in z. The outermost of these lines bulges inwards between its ends, so the
     plane through the outermost places at the nearest and the farthest depth bounds all views, and exactly at both ends.
     """
-    windows = _windows(views)
+    windows = windows_of_views(views)
     centers = views.centers_fs
     # a window's side is at centre + slope * (z - centre's z), for suns at centre + shear * z + side
     shears = views.samples_m if views.is_orthographic else None

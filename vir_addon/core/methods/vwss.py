@@ -23,7 +23,7 @@ from ..views import FaceViews
 from .base import FaceJob, ReplayMethod
 from .ivir import BYTES_PER_POINT
 from .linear_store import LinearStore
-from .seen_space import window_bounds
+from .seen_space import window_bounds, windows_of_views
 from .shared import SOURCE_PART_PX
 
 FIRST_POINT_CAPACITY = 1 << 18
@@ -82,7 +82,7 @@ def source_view(views: FaceViews, nearest_caster_m: float, is_watertight: bool) 
     back_m = float((high - low)[:2].max() / (2 * half_tangent))
     eye = np.array([*(low + high)[:2] / 2, low[2] - back_m])
     # the places where a window's sides are at the nearest and the farthest depth bound all that the view sees
-    windows = np.array([views.window_tangents(k) for k in range(views.view_count)])
+    windows = windows_of_views(views)
     ends = []
     for depth in (views.near_m, views.far_m):
         sides = centers[:, [0, 0, 1, 1]] + windows * depth - eye[[0, 0, 1, 1]]

@@ -9,7 +9,7 @@ import numpy as np
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
 from ...device.interface import Device, Texture, TextureFormat
 from ...device.owned import Owned
-from .tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
+from .tiles import SIZE_CONSTANTS, TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
 
 ERROR_TILE_PX = 16
 MIN_SETTLING_VIEWS = 16
@@ -24,7 +24,6 @@ SUMS_TEXTURES = {
     "moments": Sampled("sampler2D", "sums over rounds of shadowed s, delivered d, s^2, s d"),
     "coverage": Sampled("sampler2D", "sums over rounds of d^2 and of surface samples"),
 }
-SIZE_CONSTANTS = {"width": Constant("int", "of the picture, pixels"), "height": Constant("int", "of the picture, pixels")}
 
 PASS_ERROR = ComputeDeclaration(
     name="pass_error",
@@ -109,12 +108,11 @@ class PassAccumulator:
         """
         rows, columns = self.tile_states.shape
         size = {"width": self.width, "height": self.height}
-        groups = (-(-columns // 8), -(-rows // 8), 1)
         with Owned() as temporary:
             states = temporary.own(self.device.create_texture(self.width, self.height, TextureFormat.R32UI))
             tile_states = temporary.own(self.device.create_texture(columns, rows, TextureFormat.R32UI))
-            self.device.compute_kernel(PASS_STATES).dispatch(
-                (columns, rows, 1),
+            self.device.compute_kernel(PASS_STATES).dispatch_grid(
+                (self.width, self.height),
                 moments=self.moments,
                 coverage=self.coverage,
                 positions=positions,
@@ -123,7 +121,7 @@ class PassAccumulator:
                 round_count=self.round_count,
                 **size,
             )
-            self.device.compute_kernel(SETTLE_TILES).dispatch(groups, states=states, tile_states=tile_states, **size)
+            self.device.compute_kernel(SETTLE_TILES).dispatch_grid((columns, rows), states=states, tile_states=tile_states, **size)
             self.tile_states = self.device.read(tile_states)
         self.settled_round_count = self.round_count
 
@@ -153,8 +151,8 @@ class PassAccumulator:
         tiles = (-(-self.width // ERROR_TILE_PX), -(-self.height // ERROR_TILE_PX))
         with Owned() as temporary:
             sums_texture = temporary.own(self.device.create_texture(*tiles, TextureFormat.RGBA32F))
-            self.device.compute_kernel(PASS_ERROR).dispatch(
-                (-(-tiles[0] // 8), -(-tiles[1] // 8), 1),
+            self.device.compute_kernel(PASS_ERROR).dispatch_grid(
+                tiles,
                 moments=self.moments,
                 coverage=self.coverage,
                 tile_sums=sums_texture,

@@ -17,9 +17,9 @@ from ...device.interface import Texture, TextureFormat
 from ...device.owned import Owned
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera
-from .opacity_maps import OPACITY_DEFINES, OPACITY_TEXTURES, OPACITY_VARYINGS
+from .opacity_maps import of_cut_outs
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
-from .tiles import PROBES_FLAG, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, TileSplit, grid_shape
+from .tiles import PROBES_FLAG, SIZE_CONSTANTS, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, TileSplit, grid_shape
 
 MAX_SAMPLES_PER_PX = 4
 """visibility samples along a pixel's side: as many as there are offsets, or as MAX_VISIBILITY_TEXELS allows"""
@@ -42,20 +42,11 @@ VISIBILITY = RasterDeclaration(
     defines=SCENE_DEFINES,
 )
 
-VISIBILITY_OF_CUT_OUTS = RasterDeclaration(
-    name="visibility_of_cut_outs",
-    text="rasterizes instance and triangle numbers of what has an opacity map",
-    vertex_source=VISIBILITY.vertex_source,
-    fragment_source=VISIBILITY.fragment_source,
-    textures={**VISIBILITY.textures, **OPACITY_TEXTURES},
-    constants={
-        **VISIBILITY.constants,
-        "rasterization": Constant("int", "its number, below 16: each has thresholds of its own"),
-    },
-    varyings={**VISIBILITY.varyings, **OPACITY_VARYINGS},
-    output_name=VISIBILITY.output_name,
-    output_type=VISIBILITY.output_type,
-    defines={**SCENE_DEFINES, **OPACITY_DEFINES},
+VISIBILITY_OF_CUT_OUTS = of_cut_outs(
+    VISIBILITY,
+    "visibility_of_cut_outs",
+    "rasterizes instance and triangle numbers of what has an opacity map",
+    {"rasterization": Constant("int", "its number, below 16: each has thresholds of its own")},
 )
 
 SURFACE = ComputeDeclaration(
@@ -74,8 +65,7 @@ SURFACE = ComputeDeclaration(
         "normals": Stored("RGBA32F", "write", "geometric normal (world space, towards the eye) and packed shading normal"),
     },
     constants={
-        "width": Constant("int", "of the picture, pixels"),
-        "height": Constant("int", "of the picture, pixels"),
+        **SIZE_CONSTANTS,
         **TILE_CONSTANTS,
         "margin_px": Constant("int", "pixels around the picture that visibility has too: filters reach beyond its edge"),
         "samples_per_px": Constant("int", "visibility samples along a pixel's side"),
@@ -128,7 +118,7 @@ class EyePass:
         self._indices: Sequence[int] = ()
         """of the current batch's offsets"""
         self.rasterize = device.raster_kernel(VISIBILITY)
-        self.surface, self.surface_probes = device.compute_kernel(SURFACE), device.compute_kernel(SURFACE, "PROBES")
+        self.surface = device.compute_kernel(SURFACE)
         # an orthographic camera sees from infinitely far away, as far as culling can tell: everything is drawn
         eye_ws = snapshot.camera.world_from_view[None, :3, 3]
         culled = None if snapshot.camera.is_orthographic else cullable_instances(snapshot, bounds, eye_ws)
@@ -159,7 +149,8 @@ class EyePass:
         self._indices = indices
         for bindings in self._with_visibility():
             self.tiles.walked.dispatch(self.surface, **bindings)
-            self.tiles.probed.dispatch_probes(self.surface_probes, batch, **bindings)
+            if self.tiles.probed.count:
+                self.tiles.probed.dispatch_probes(self.device.compute_kernel(SURFACE, "PROBES"), batch, **bindings)
 
     def _with_visibility(self) -> Iterator[dict[str, Any]]:
         """What SURFACE is bound to for each of the batch's offsets, while `visibility` is theirs."""

@@ -13,10 +13,11 @@ thresholds in different orders, so that layers multiply (gpu_shaders/lib/opacity
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from ...device.declaration import Sampled, Varying
+from ...device.declaration import Constant, RasterDeclaration, Sampled, Varying
 from ...device.interface import Device, Texture, split_integers
 from ...device.owned import Owned
 from ..scene import Extension, Mesh, OpacityMap, SceneSnapshot
@@ -43,6 +44,19 @@ OPACITY_VARYINGS: Mapping[str, Varying] = {
     "map_header": Varying("vec4", "flat", "the opacity map's size, extension and whether it is interpolated"),
     "threshold_seed": Varying("uint", "flat", "tells the triangle's order of thresholds"),
 }
+
+
+def of_cut_outs(opaque: RasterDeclaration, name: str, text: str, constants: Mapping[str, Constant]) -> RasterDeclaration:
+    """The kernel that does the same for what has an opacity map. constants: what it has to be told besides"""
+    return replace(
+        opaque,
+        name=name,
+        text=text,
+        textures={**opaque.textures, **OPACITY_TEXTURES},
+        constants={**opaque.constants, **constants},
+        varyings={**opaque.varyings, **OPACITY_VARYINGS},
+        defines={**opaque.defines, **OPACITY_DEFINES},
+    )
 
 
 def pack_opacity_map(opacity_map: OpacityMap) -> np.ndarray:

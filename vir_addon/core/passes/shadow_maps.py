@@ -7,6 +7,7 @@ so that the smallest depth is the smallest integer; EMPTY_DEPTH_BITS where nothi
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,9 +17,9 @@ from ...device.owned import Owned
 from ..scene import Light
 from ..views import FaceViews, light_axes
 from .accumulate import SETTLED_DEFINES
-from .opacity_maps import OPACITY_DEFINES, OPACITY_TEXTURES, OPACITY_VARYINGS
+from .opacity_maps import of_cut_outs
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, WORK_GROUP_SIZE
-from .tiles import PROBES_FLAG, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES
+from .tiles import PROBES_FLAG, SIZE_CONSTANTS, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES
 
 MAX_BATCH_VIEWS = 8
 """Maps that exist at the same time. More would leave the caches: 64 at once took up to 4 times longer a look-up."""
@@ -59,19 +60,15 @@ RASTERIZE_DEPTH = RasterDeclaration(
     defines=SCENE_DEFINES,
 )
 
-RASTERIZE_CUT_OUTS = RasterDeclaration(
-    name="depth_map_cut_outs",
-    text="rasterizes linear depth of what has an opacity map",
-    vertex_source=RASTERIZE_DEPTH.vertex_source,
-    fragment_source=RASTERIZE_DEPTH.fragment_source,
-    textures={**RASTERIZE_DEPTH.textures, **OPACITY_TEXTURES},
-    constants={**RASTERIZE_DEPTH.constants, "map_number": Constant("int", "maps drawn before this one; each has thresholds of its own")},
-    tables=RASTERIZE_DEPTH.tables,
-    varyings=OPACITY_VARYINGS,
-    output_name=RASTERIZE_DEPTH.output_name,
-    output_type=RASTERIZE_DEPTH.output_type,
+RASTERIZE_CUT_OUTS = replace(
+    of_cut_outs(
+        RASTERIZE_DEPTH,
+        "depth_map_cut_outs",
+        "rasterizes linear depth of what has an opacity map",
+        {"map_number": Constant("int", "maps drawn before this one; each has thresholds of its own")},
+    ),
+    # cut-outs are never placed beforehand
     flags={**ORTHOGRAPHIC_FLAG, **MIXED_MAPS_FLAG},
-    defines={**SCENE_DEFINES, **OPACITY_DEFINES},
 )
 
 FRONT_FACE = "all views lie in the plane that the face looks away from"
@@ -351,11 +348,7 @@ TILE_FACES = ComputeDeclaration(
     local_size=(8, 8, 1),
     textures={"positions": Sampled("sampler2D", "position (world space) and instance number, -1 for the background")},
     images={"tile_faces": Stored("R32UI", "write", "a bit a face")},
-    constants={
-        "width": Constant("int", "of the picture, pixels"),
-        "height": Constant("int", "of the picture, pixels"),
-        **LOOKED_UP_VIEWS,
-    },
+    constants={**SIZE_CONSTANTS, **LOOKED_UP_VIEWS},
     tables={"face": FACE_TABLE, "samples": SAMPLES_TABLE},
     defines={"TILE_PX": TILE_PX},
 )
@@ -387,8 +380,7 @@ RESOLVE = ComputeDeclaration(
         "disagreeing": Stored("R32UI", "write", "with PROBES: 1 for tiles of which a pixel is not as all of them were before"),
     },
     constants={
-        "width": Constant("int", "of the picture, pixels"),
-        "height": Constant("int", "of the picture, pixels"),
+        **SIZE_CONSTANTS,
         **TILE_CONSTANTS,
         **LOOKED_UP_VIEWS,
         "map_face": Constant("int", "number of the face that the maps are of; with MANY_FACES"),

@@ -19,6 +19,7 @@ PROBE_STEP_PX = 4
 PROBE_COUNT = PROBE_STEP_PX**2
 QUARTERS = ((0, 0), (1, 1), (1, 0), (0, 1))
 """of a square, those apart first"""
+SIZE_CONSTANTS = {"width": Constant("int", "of the picture, pixels"), "height": Constant("int", "of the picture, pixels")}
 TILE_TEXTURES = {"tiles": Sampled("sampler2D", "x, y: column and row of every tile to walk; z, w: what the kernel wants to know of it")}
 TILE_CONSTANTS = {
     "tile_count": Constant("int", "tiles to walk"),
