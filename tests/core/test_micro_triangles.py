@@ -102,6 +102,16 @@ def test_passes_agree_with_multiview_rasterization(device, name):
     assert error <= 0.001
 
 
+@pytest.mark.parametrize("method", [Method.MICRO, Method.HYBRID])
+def test_the_same_frame_gives_the_same_bits(device, method):
+    """Kernels list triangles in any order; leaves pass through each other, and where two are equally deep the first one drawn is kept."""
+    scene = made("leaves")
+    arguments = {"method": method, "small_triangle_points": 0, "view_count": 64, "map_resolution_px": 256}
+    first = render_pass(scene, device, **arguments)
+    for _ in range(5):
+        np.testing.assert_array_equal(render_pass(scene, device, **arguments), first)
+
+
 @pytest.mark.parametrize("name", ["leaves", "low light"])
 def test_portions_make_the_same_picture(device, name):
     scene = scene_named(name)

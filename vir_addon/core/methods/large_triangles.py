@@ -40,6 +40,12 @@ class _PlacedTriangles:
                 yield Draw(self.mesh, 1, {"first_instance": 0}, bool(cull[start]), triangle_range)
 
 
+def _fingerprints(triangles: np.ndarray) -> np.ndarray:
+    """(n,) uint64, the same for the same corners; triangles: (n, 3, 4) float32"""
+    bits = np.ascontiguousarray(triangles[:, :, :3]).view(np.uint32).reshape(-1, 9).astype(np.uint64)
+    return (bits * np.random.default_rng(20220).integers(0, 1 << 64, 9, dtype=np.uint64)).sum(axis=1, dtype=np.uint64)
+
+
 class LargeTriangles:
     """The large triangles of a face."""
 
@@ -61,7 +67,8 @@ class LargeTriangles:
             part = temporary.own(store.copied(first_texel, texel_count))
             triangles = self.method.device.read(part.texture).reshape(-1, 4)[:texel_count].reshape(count, 3, 4)
         instance = triangles[:, 0, 3].astype(np.int64)
-        order = np.argsort(instance, kind="stable")
+        # kernels append in any order, and where two triangles are equally deep the rasterizer keeps the first
+        order = np.lexsort((_fingerprints(triangles), instance))
         corners = triangles[order][:, :, :3].reshape(-1, 3)
         mesh = self._owned.own(self.method.device.upload_mesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3)))
         instances, first = np.unique(instance[order], return_index=True)
