@@ -1,16 +1,20 @@
 // Looks every visible surface up in the depth maps of a batch and adds to the pass's running sums.
 //
-// The pass is sum(visible * delivered) / sum(delivered) over light samples and eye samples. What sample k would deliver:
-// the shading normal's cosine, the light's cosine and spread or cone, and 1 / distance^2; all without the light's strength.
+// The pass is sum(visible * delivered) / sum(delivered) over light samples and eye samples.
 #include "lib/tiles.glsl"
 #include "lib/octahedral.glsl"
 #include "lib/view.glsl"
 #include "lib/cube_faces.glsl"
-#include "lib/pass_states.glsl"
+#include "lib/delivered.glsl"
+#include "lib/rounds.glsl"
 
-#define light_axis_fs (face[5].xyz)
-#define tan_half_spread (face[5].w)
-#define reference_squared_distance (face[4].z)  // keeps sums near 1 in scenes of any scale
+// The light's point of a view, as lib/delivered.glsl wants it.
+#ifdef ORTHOGRAPHIC
+#define sampled_point(k) (samples[k])
+#define ray_direction(k) (samples[k].xyz)
+#else
+#define sampled_point(k) (vec4(view_center(k), samples[k].w))
+#endif
 
 // What is stored deeper than the receiver by more does not hide it: beyond a silhouette the tangent plane runs away along the ray while
 // the surface ends.
@@ -25,93 +29,6 @@ const float COPLANAR_FOOTPRINTS = 1.0 / 64.0;  // several times what the rasteri
 const float BIAS_ANGLE = 1.0 / 48.0;
 const float POINT_BIAS_FOOTPRINTS = 1.0 / 4.0;  // ... planes of facets that points carry past the facets' edges, half a texel
 const float RASTER_BIAS_FOOTPRINTS = 1.0 / 12.0;  // ... facets of about a texel
-
-#ifdef ORTHOGRAPHIC
-#define ray_direction(k) (samples[k].xyz)
-#endif
-#ifdef OMNI
-#define light_radius_m (face[7].x)
-#define soft_falloff (face[7].y > 0.5)
-#define cos_half_cone (face[7].z)
-#define per_blend_cosine (face[7].w)
-#define cone_right_fs (face[11].xyz)
-#define cone_up_fs (face[12].xyz)
-
-// What a point is to the light as a whole. SPHERE: every sample is seen under the cosine to the sphere's normal. From outside a
-// sphere only its near side shines, from inside all of it does. With a soft falloff it stands for a disc through its centre that
-// faces the point: it is seen under the directions that meet the disc, twice from outside (the near side and the far side, which
-// see the same as long as nothing casts within the sphere), once from inside.
-struct Place {
-    vec3 p_fs;
-    bool inside;
-    float gain;  // the disc's or sphere's irradiance is that of its centre, whatever counts
-    float disc;  // share of squared cosines to the centre's direction that meet the disc, times squared distance of the point
-};
-
-Place place;  // of the receiver that this invocation looks up
-
-void set_place(vec3 p_fs) {
-    float squared = dot(p_fs, p_fs);
-    float squared_radius = light_radius_m * light_radius_m;
-    place.p_fs = p_fs;
-    place.inside = squared < squared_radius;
-    place.gain = soft_falloff && !place.inside ? 2.0 : 4.0;
-    place.disc = soft_falloff ? squared * (squared / (squared + squared_radius)) : 0.0;
-}
-
-float delivered(int k, vec3 p, vec3 shading_fs) {
-    float squared_distance = dot(p, p);
-    float receiver = -dot(shading_fs, p);
-    if (receiver <= 0.0) {
-        return 0.0;
-    }
-#ifdef SPHERE
-    float emitter = dot(view_center(k), p) / light_radius_m;
-    if (soft_falloff) {
-        float ahead = dot(p, place.p_fs);
-        emitter = ahead > 0.0 && ahead * ahead >= squared_distance * place.disc ? abs(emitter) : 0.0;
-    } else {
-        emitter = max(place.inside ? -emitter : emitter, 0.0);
-    }
-    emitter *= place.gain * samples[k].w;
-#else
-    float emitter = sqrt(squared_distance);
-#endif
-    float inverse = 1.0 / squared_distance;
-    float weight = (receiver * inverse) * (emitter * inverse) * reference_squared_distance;
-#ifdef CONE
-    // Blender's spot: smooth in the cosine to the axis of the cone's own, scaled space
-    vec3 local = vec3(dot(cone_right_fs, p), dot(cone_up_fs, p), dot(light_axis_fs, p));
-    float fade = clamp((local.z * inversesqrt(dot(local, local)) - cos_half_cone) * per_blend_cosine, 0.0, 1.0);
-    bool everywhere = place.inside && !soft_falloff;
-    weight *= everywhere ? 1.0 : fade * fade * (3.0 - 2.0 * fade);
-#endif
-    return weight;
-}
-#else
-#ifdef ORTHOGRAPHIC
-float delivered(int k, vec3 p, vec3 shading_fs) {
-    return max(-dot(shading_fs, ray_direction(k)), 0.0);
-}
-#else
-float delivered(int k, vec3 p, vec3 shading_fs) {
-    float squared_distance = dot(p, p);
-    float receiver = -dot(shading_fs, p);
-    float emitter = dot(light_axis_fs, p);
-    if (receiver <= 0.0 || emitter <= 0.0) {
-        return 0.0;
-    }
-    float inverse = 1.0 / squared_distance;
-    float weight = (receiver * inverse) * (emitter * inverse) * reference_squared_distance;
-    if (tan_half_spread > 0.0) {
-        // Blender's area light spread: linear in the tangent of the angle to the light's axis
-        float tangent = sqrt(max(squared_distance - emitter * emitter, 0.0)) / emitter;
-        weight *= max(1.0 - tangent / tan_half_spread, 0.0);
-    }
-    return weight;
-}
-#endif
-#endif
 
 float stored_depth(ivec2 address) {
     return uintBitsToFloat(texelFetch(depth_maps, address, 0).x);
@@ -248,21 +165,12 @@ void main() {
         return;
     }
     vec4 position = texelFetch(positions, pixel, 0);
-    bool surface = position.w >= 0.0;
-#ifdef RECEIVER_LINKING
-    surface = surface && texelFetch(receivers, linear_texel(int(position.w)), 0).x > 0.5;
-#endif
-#ifdef PROBES
-    const int late_faces = 0;
-    const bool was_lit = false;
-    vec2 sums = vec2(0.0);
-#else
-    int turn = int(own_tile().z);
+    bool surface = takes_light(position);
+    int turn = own_turn();
     // of a tile that is looked up again from this face on: what the batch's faces before it found goes on as it was
     int late_faces = turn & LATE_FACES;
     bool was_lit = (turn & WAS_LIT) != 0;
-    vec2 sums = (turn & FIRST_FACE) != 0 ? vec2(0.0) : imageLoad(batch_sums, pixel).xy;
-#endif
+    vec2 sums = sums_before(turn, pixel);
     if (surface && view_count > 0) {
         vec4 normal = texelFetch(normals, pixel, 0);
         vec3 p_fs = face_position(position.xyz);
@@ -297,7 +205,7 @@ void main() {
             const bool in_map = true;
             const bool is_late = false;
 #endif
-            float weight = delivered(k, p, shading_fs);
+            float weight = delivered(sampled_point(k), p, shading_fs);
             if (weight > 0.0) {
                 // faces without casters have no map and are looked up together with the first that has one
                 int found = in_map ? sight(k, p, normal_fs) : int(is_late ? !was_lit : facing_of(k, p, normal_fs) >= 0.0);
@@ -311,28 +219,9 @@ void main() {
                 int view = findLSB(undecided);
                 undecided &= undecided - 1u;
                 vec3 p = p_fs - view_center(view);
-                sums.x += seen_by_neighbours(view, p, normal_fs) ? delivered(view, p, shading_fs) : 0.0;
+                sums.x += seen_by_neighbours(view, p, normal_fs) ? delivered(sampled_point(view), p, shading_fs) : 0.0;
             } while (undecided != 0u);
         }
     }
-#ifdef PROBES
-    vec4 tile = own_tile();
-    uint state = uint(tile.z);
-    bool is_lit = state == STATE_LIT && wholly_lit(sums);
-    bool is_dark = state == STATE_DARK && sums.x == 0.0;
-    if (surface ? !is_lit && !is_dark : state != STATE_BACKGROUND) {
-        imageStore(disagreeing, ivec2(tile.xy), uvec4(1u));
-    }
-#else
-    if ((turn & LAST_FACE) == 0) {
-        imageStore(batch_sums, pixel, vec4(sums, 0.0, 0.0));
-        return;
-    }
-    // rounds that the tile was left out of count as those before them
-    float repeats = own_tile().w;
-    if (surface || repeats != 1.0) {
-        imageStore(moments, pixel, repeats * imageLoad(moments, pixel) + vec4(sums, sums.x * sums.x, sums.x * sums.y));
-        imageStore(coverage, pixel, repeats * imageLoad(coverage, pixel) + vec4(sums.y * sums.y, surface ? 1.0 : 0.0, 0.0, 0.0));
-    }
-#endif
+    add_to_pass(turn, pixel, surface, sums);
 }

@@ -113,7 +113,7 @@ SPHERE_TABLE_SIZE = 4096
 
 def _sphere_density(light: Light, polar_rad: np.ndarray) -> np.ndarray:
     """Of samples on the sphere, by the angle to the axis, not normalized: the largest cosine to the sphere's normal under which anything
-    that the light lights may see a place of it. With a soft falloff both sides of the sphere count (see `resolve.comp.glsl`)."""
+    that the light lights may see a place of it. With a soft falloff both sides of the sphere count (see `lib/delivered.glsl`)."""
     half = light.widest_half_cone_rad
     if half >= math.pi:
         return np.ones_like(polar_rad)

@@ -1,0 +1,49 @@
+// What kernels share that look the picture up round by round: which pixels take part, and what becomes of their sums of shadowed and
+// delivered light.
+#include "lib/tiles.glsl"
+#include "lib/pass_states.glsl"
+
+// position: of the G-buffer
+bool takes_light(vec4 position) {
+    bool surface = position.w >= 0.0;
+#ifdef RECEIVER_LINKING
+    surface = surface && texelFetch(receivers, linear_texel(int(position.w)), 0).x > 0.5;
+#endif
+    return surface;
+}
+
+// Of TURN_DEFINES.
+int own_turn() {
+#ifdef PROBES
+    return FIRST_FACE | LAST_FACE;
+#else
+    return int(own_tile().z);
+#endif
+}
+
+vec2 sums_before(int turn, ivec2 pixel) {
+    return (turn & FIRST_FACE) != 0 ? vec2(0.0) : imageLoad(batch_sums, pixel).xy;
+}
+
+void add_to_pass(int turn, ivec2 pixel, bool surface, vec2 sums) {
+#ifdef PROBES
+    vec4 tile = own_tile();
+    uint state = uint(tile.z);
+    bool is_lit = state == STATE_LIT && wholly_lit(sums);
+    bool is_dark = state == STATE_DARK && sums.x == 0.0;
+    if (surface ? !is_lit && !is_dark : state != STATE_BACKGROUND) {
+        imageStore(disagreeing, ivec2(tile.xy), uvec4(1u));
+    }
+#else
+    if ((turn & LAST_FACE) == 0) {
+        imageStore(batch_sums, pixel, vec4(sums, 0.0, 0.0));
+        return;
+    }
+    // rounds that the tile was left out of count as those before them
+    float repeats = own_tile().w;
+    if (surface || repeats != 1.0) {
+        imageStore(moments, pixel, repeats * imageLoad(moments, pixel) + vec4(sums, sums.x * sums.x, sums.x * sums.y));
+        imageStore(coverage, pixel, repeats * imageLoad(coverage, pixel) + vec4(sums.y * sums.y, surface ? 1.0 : 0.0, 0.0, 0.0));
+    }
+#endif
+}
