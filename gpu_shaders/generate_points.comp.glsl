@@ -1,9 +1,8 @@
 // View-independent rasterization of triangles into points: a point for every cell of a lattice in the triangle's plane
 // that the triangle touches. FROM_TRIANGLES walks the scene and leaves what has many cells as parts; FROM_PARTS cuts parts into
 // smaller ones, as often as it takes, and into tiles for FROM_TILES. With LIST_LARGE what takes many points is listed for the rasterizer.
-// INTO_BUFFER appends points, INTO_MAPS splats them as they come.
+// INTO_BUFFER appends points, INTO_MAPS splats them as they come; with BY_RASTERIZER fragments do (generate_points.geom.glsl).
 #include "lib/scene_data.glsl"
-#include "lib/linear_invocation.glsl"
 #include "lib/hash.glsl"
 #include "lib/triangle_sampling.glsl"
 
@@ -14,11 +13,18 @@ const int MAX_PARTS = 4096;              // square parts of a sliver
 // for long, and software rasterizers end a shader's loops after 65536 steps.
 const int MAX_QUADTREE_LEVEL = 3;
 const int MAX_QUADTREE_STEPS = 128;  // never reached; a loop on a GPU must end whatever the numbers are
-const float CULLING_AREA_TEXELS = 0.1;
 const float GENERATION_VIEW_PX = 4096.0;  // of vir's generation view; without a limit a wall that reaches the light takes all memory
 
 #ifdef INTO_MAPS
 #include "lib/splat.glsl"
+#endif
+
+#ifdef BY_RASTERIZER
+int linear_invocation() {
+    return gl_PrimitiveIDIn;
+}
+#else
+#include "lib/linear_invocation.glsl"
 #endif
 
 #ifndef FROM_PARTS
@@ -29,6 +35,9 @@ struct Cells {
     int count_y;
 };
 
+#ifdef BY_RASTERIZER
+#include "lib/lattice_strip.glsl"
+#else
 // A bit for every cell that the triangle touches, row by row.
 uint touched_cells(AlignedTriangle t, Cells cells) {
     vec2 half_size = 0.5 * cells.size;
@@ -73,6 +82,7 @@ void emit_points(AlignedTriangle t, Cells cells, uint touched) {
         }
     }
 }
+#endif
 
 #endif
 
@@ -206,13 +216,14 @@ void append_parts(AlignedTriangle t, int instance, int triangle, vec2 low, vec2 
 #endif
 
 void main() {
-    int group = linear_group();
+    int invocation = linear_invocation();
+    int group = invocation / WORK_GROUP_SIZE;
     if (group >= group_count) {
         return;
     }
     vec4 work = texelFetch(work_table, linear_texel(group + first_group), 0);
     int instance_index = int(work.x);
-    int triangle_index = int(work.y) + int(gl_LocalInvocationID.x);
+    int triangle_index = int(work.y) + invocation % WORK_GROUP_SIZE;
     if (triangle_index >= int(work.z)) {
         return;
     }
@@ -237,11 +248,11 @@ void main() {
 #else
     vec2 density = largest_density(t);
 #ifdef STOCHASTIC_CULLING
-    // section 3.2: below a tenth of a texel a triangle is culled with probability 1 - 10 A
+    // section 3.2: below a tenth of a texel (in the preprint an eighth) a triangle is culled with probability 1 - 10 A (1 - 8 A)
     float area_texels = t.area * density.x;
-    if (area_texels < CULLING_AREA_TEXELS) {
+    if (area_texels < culling_area_texels) {
         uint identity = hash_position(triangle.position_os[0]) + hash_position(triangle.position_os[1]) + hash_position(triangle.position_os[2]);
-        if (unit_float(pcg_hash(identity + instance.stable_id)) * CULLING_AREA_TEXELS >= area_texels) {
+        if (unit_float(pcg_hash(identity + instance.stable_id)) * culling_area_texels >= area_texels) {
             imageAtomicAdd(counters, ivec2(2, 0), 1u);
             return;
         }
@@ -257,6 +268,10 @@ void main() {
     if (counts.x * counts.y <= float(MAX_SMALL_CELLS)) {
         vec2 cell = (high - low) / counts;
         Cells cells = Cells(low + 0.5 * cell, cell, int(counts.x), int(counts.y));
+#ifdef BY_RASTERIZER
+        emit_triangle(t, cells);
+        return;
+#else
         uint touched = touched_cells(t, cells);
 #ifdef LIST_LARGE
         if (bitCount(touched) <= points_of_small) {
@@ -266,6 +281,7 @@ void main() {
 #else
         emit_points(t, cells, touched);
         return;
+#endif
 #endif
     }
 #ifdef LIST_LARGE
@@ -277,22 +293,32 @@ void main() {
 #endif
 
 #ifdef FROM_TILES
+#ifdef BY_RASTERIZER
+const int INVOCATIONS_PER_TILE = 1;
+#else
+const int INVOCATIONS_PER_TILE = TILE_CELLS;  // rows
+#endif
+
 void main() {
     int invocation = linear_invocation();
-    int tile = invocation / TILE_CELLS;
+    int tile = invocation / INVOCATIONS_PER_TILE;
     if (tile >= tile_count) {
         return;
     }
     vec4 owner = texelFetch(tile_list, linear_texel(2 * (first_tile + tile)), 0);
     vec4 place = texelFetch(tile_list, linear_texel(2 * (first_tile + tile) + 1), 0);
-    int row = invocation % TILE_CELLS;
+    int row = invocation % INVOCATIONS_PER_TILE;
     if (row >= int(owner.w)) {
         return;
     }
     InstanceData instance = load_instance(int(owner.x));
     AlignedTriangle t = load_aligned(instance, load_triangle(instance, int(owner.y)));
-    vec2 first_center = place.xy + place.zw * vec2(0.5, float(row) + 0.5);
+    vec2 first_center = place.xy + 0.5 * place.zw + place.zw * vec2(0.0, row);
+#ifdef BY_RASTERIZER
+    emit_rectangle(t, Cells(first_center, place.zw, int(owner.z), int(owner.w)));
+#else
     Cells cells = Cells(first_center, place.zw, int(owner.z), 1);
     emit_points(t, cells, touched_cells(t, cells));
+#endif
 }
 #endif

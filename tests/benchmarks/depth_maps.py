@@ -20,7 +20,7 @@ from vir_addon.core.passes.shadow_maps import MAX_BATCH_VIEWS, DepthMaps, face_t
 from vir_addon.core.plan import PlannedPass
 from vir_addon.core.sampling import light_samples
 from vir_addon.core.scene import SceneSnapshot
-from vir_addon.core.settings import Method, PointStorage, Settings
+from vir_addon.core.settings import Method, PointGeneration, PointStorage, Settings
 from vir_addon.device.interface import EMPTY_DEPTH_BITS, Device
 from vir_addon.device.open import open_device
 
@@ -64,8 +64,9 @@ class Timing:
 
 def variants(view_count: int, resolution_px: int) -> list[Variant]:
     def variant(name: str, method: Method, points: PointStorage | None = None, **choices: Any) -> Variant:
-        planned = PlannedPass("", "", True, "", method, points, view_count, resolution_px)
-        return Variant(name, planned, Settings(view_count=view_count, map_resolution_px=resolution_px, **choices))
+        settings = Settings(method, view_count=view_count, map_resolution_px=resolution_px, **choices)
+        planned = PlannedPass("", "", True, "", method, points, view_count, resolution_px, settings.point_generation)
+        return Variant(name, planned, settings)
 
     found = [variant(BASELINE, Method.MVR), variant("micro", Method.MICRO), variant("hybrid", Method.HYBRID, PointStorage.BUFFERED)]
     found += [variant("vir, watertight", Method.VIR, PointStorage.BUFFERED)]
@@ -80,7 +81,17 @@ def variants(view_count: int, resolution_px: int) -> list[Variant]:
         name = f"ivir {points.value}, {density}, {culling}"
         found.append(variant(name, Method.IVIR, points, watertight=is_watertight, stochastic_culling=is_culled))
     found.append(variant("ivir buffered, watertight, culling, hidden kept", Method.IVIR, PointStorage.BUFFERED, cull_hidden=False))
+    by_rasterizer = {"point_generation": PointGeneration.RASTERIZER}
+    found += [
+        variant(f"ivir {points.value}, watertight, culling, by rasterizer", Method.IVIR, points, **by_rasterizer) for points in PointStorage
+    ]
     return found
+
+
+def can_run(variant: Variant, device: Device) -> bool:
+    if variant.planned.point_generation is PointGeneration.RASTERIZER:
+        return device.stores_from_geometry
+    return variant.planned.method is not Method.VWSS or device.stores_from_fragments
 
 
 class Bench:
@@ -147,11 +158,7 @@ def measure(triangle_count: int, options: Options, device: Device) -> BenchTable
     view_count, resolution_px = options.pick(64, 16), options.pick(1024, 256)
     snapshot = sphere_snapshot(triangle_count, *options.pick((960, 540), (240, 135)), has_floor=False)
     bench = Bench(snapshot, device, view_count, resolution_px)
-    competitors = {
-        variant.name: variant
-        for variant in variants(view_count, resolution_px)
-        if variant.planned.method is not Method.VWSS or device.stores_from_fragments
-    }
+    competitors = {variant.name: variant for variant in variants(view_count, resolution_px) if can_run(variant, device)}
     inspected = {name: bench.inspect(variant) for name, variant in competitors.items()}
     timings = take_turns({name: lambda v=variant: bench.time(v) for name, variant in competitors.items()}, options.rounds)
     bench.release()

@@ -167,6 +167,8 @@ def test_exit_statuses(blend, folder):
         (2, "required", ("render", blend)),
         (2, "views must be", ("plan", blend, "--views", "0")),
         (2, "choose the method ivir", ("plan", blend, "--method", "micro", "--points", "bufferless")),
+        (2, "choose the method ivir", ("plan", blend, "--method", "micro", "--point-generation", "rasterizer")),
+        (2, "at most 1 texel", ("plan", blend, "--culling-area", "2")),
         (3, "is not there", ("render", folder / "missing.blend", "--output", folder / "x")),
         (3, "not a .blend", ("plan", broken)),
         (3, "camera", ("plan", no_camera)),

@@ -59,9 +59,9 @@ def made(name):
     return snapshot(meshes, [light], camera, WIDTH, HEIGHT)
 
 
-def first_maps(scene, device, selected, **settings):
+def first_maps(scene, device, selected, map_px=MAP_PX, **settings):
     """Depths (view, row, column) of some views, infinite where nothing is, and a texel's side over depth."""
-    with prepared_renderer(scene, device, map_resolution_px=MAP_PX, view_count=64, **settings) as renderer:
+    with prepared_renderer(scene, device, map_resolution_px=map_px, view_count=64, **settings) as renderer:
         (work,) = renderer.works
         ((fitted, _, method),) = work.faces
         maps = DepthMaps(device, fitted.views.map_width_px, fitted.views.map_height_px, len(selected))
@@ -69,7 +69,7 @@ def first_maps(scene, device, selected, **settings):
         bits = device.run(device.read, maps.texture)
         device.run(maps.release)
         depth = np.where(bits == EMPTY_DEPTH_BITS, np.inf, bits.view(np.float32))
-        return depth.reshape(len(selected), MAP_PX, MAP_PX), max(fitted.views.texel_tangent)
+        return depth.reshape(len(selected), map_px, map_px), max(fitted.views.texel_tangent)
 
 
 def off_silhouette(depth, footprint):

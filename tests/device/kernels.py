@@ -6,7 +6,16 @@ from pathlib import Path
 from typing import Any
 
 from vir_addon.core.passes.shadow_maps import SAMPLING_CONSTANTS, SAMPLING_TABLES
-from vir_addon.device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table, Varying
+from vir_addon.device.declaration import (
+    ComputeDeclaration,
+    Constant,
+    GeometryDeclaration,
+    RasterDeclaration,
+    Sampled,
+    Stored,
+    Table,
+    Varying,
+)
 
 SHADERS = Path(__file__).resolve().parent / "shaders"
 
@@ -63,6 +72,18 @@ NUMBER_TRIANGLES = RasterDeclaration(
     constants={"clip_from_object": Constant("mat4", "-"), "first_instance": Constant("int", "number of a draw's first instance")},
     tables={"offsets": Table(4, "clip space offset of every instance")},
     varyings={"instance_number": Varying("int", "flat", "-")},
+    output_name="number",
+    output_type="uint",
+)
+COLUMNS = GeometryDeclaration(
+    name="test_columns",
+    text="a column of the picture for every number",
+    geometry_source=str(SHADERS / "columns.geom.glsl"),
+    fragment_source=str(SHADERS / "columns.frag.glsl"),
+    most_vertices=4,
+    images={"counts": Stored("R32UI", "atomic", "texel 0: columns, 1: fragments")},
+    constants={"column_count": Constant("int", "-")},
+    varyings={"column_number": Varying("int", "flat", "-")},
     output_name="number",
     output_type="uint",
 )

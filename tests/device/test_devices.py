@@ -10,7 +10,7 @@ import threading
 import numpy as np
 import pytest
 
-from tests.device.kernels import ADD_COUNTS, ATOMIC_MIN, COPY_FLOATS, ECHO, INVOCATION_NUMBERS, NUMBER_TRIANGLES, REFUSED
+from tests.device.kernels import ADD_COUNTS, ATOMIC_MIN, COLUMNS, COPY_FLOATS, ECHO, INVOCATION_NUMBERS, NUMBER_TRIANGLES, REFUSED
 from vir_addon.core.errors import DeviceError, UsageError
 from vir_addon.device import open as device_opening
 from vir_addon.device.interface import EMPTY_DEPTH_BITS, LINEAR_TEXTURE_WIDTH, MAX_GROUPS_PER_ROW, Draw, TextureFormat
@@ -274,6 +274,30 @@ def test_a_depth_fill_forgets_what_was_near(device):
             device.fill(depth, 0)
         kernel.draw(target, (0, 0, 4, 4), [Draw(everywhere, 1, {"first_instance": instance})], **bindings)
         np.testing.assert_array_equal(device.read(color), np.full((4, 4), expected))
+
+
+@pytest.mark.parametrize("column_count", [0, 1, 5, 16])
+def test_strips_are_made_of_numbers(device, canvas, column_count):
+    """By a geometry shader, which counts them, and so do the fragments."""
+    if not device.stores_from_geometry:
+        with pytest.raises(DeviceError, match=r"test_columns.*--device moderngl"):
+            device.geometry_kernel(COLUMNS)
+        return
+    canvas([Draw(mesh(device, TWO_DEPTHS[3:]), 1, {"first_instance": 99})])
+    color = device.create_texture(16, 16, TextureFormat.R32UI)
+    depth = device.create_texture(16, 16, TextureFormat.DEPTH32F)
+    target = device.create_target(color, depth)
+    counts = device.create_texture(2, 1, TextureFormat.R32UI)
+    for texture in (color, counts, depth):
+        device.fill(texture, 0)
+    device.geometry_kernel(COLUMNS).draw(target, (0, 0, 16, 8), column_count, counts=counts, column_count=column_count)
+    expected = np.zeros((16, 16), int)
+    if column_count:
+        expected[:8] = (np.arange(16) + 0.5) * column_count // 16 + 1
+    np.testing.assert_array_equal(device.read(color), expected)
+    np.testing.assert_array_equal(device.read(counts)[0], [column_count, 128 * bool(column_count)])
+    for thing in (target, color, depth, counts):
+        thing.release()
 
 
 def test_a_draw_then_a_dispatch_then_a_draw_see_each_other(device, canvas):

@@ -15,7 +15,7 @@ from tests.scenes import METHODS_AND_HYBRID, area_light, box, bumpy_sphere, floo
 from vir_addon.core.passes.shadow_maps import MAX_BATCH_VIEWS
 from vir_addon.core.plan import plan
 from vir_addon.core.render import render
-from vir_addon.core.settings import Method, PointStorage, Resolve, Settings
+from vir_addon.core.settings import Method, PointGeneration, PointStorage, Resolve, Settings
 from vir_addon.device.interface import Device, Texture, TextureFormat
 
 WIDTH, HEIGHT = 64, 36
@@ -117,6 +117,7 @@ HOW = {
     "micro": {"method": Method.MICRO},
     "buffered": {"method": Method.IVIR},
     "bufferless": {"method": Method.IVIR, "points": PointStorage.BUFFERLESS},
+    "by rasterizer": {"method": Method.IVIR, "point_generation": PointGeneration.RASTERIZER},
     "vir": {"method": Method.VIR},
     "vwss": {"method": Method.VWSS},
     "vwss bufferless": {"method": Method.VWSS, "points": PointStorage.BUFFERLESS},
@@ -128,7 +129,7 @@ HOW = {
 @pytest.mark.parametrize("how", HOW)
 @pytest.mark.parametrize("stop", STOPS)
 def test_closing_leaves_nothing(device, monkeypatch, stop, how):
-    if HOW[how]["method"] is Method.VWSS and not device.stores_from_fragments:
+    if (HOW[how]["method"] is Method.VWSS or "point_generation" in HOW[how]) and not device.stores_from_fragments:
         pytest.skip("refused on this device: test_parity.py")
     taken = scene(light_count=2)
     work = plan(taken, Settings(view_count=16, map_resolution_px=64, **HOW[how]))

@@ -24,7 +24,7 @@ from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.passes.shadow_maps import DepthMaps, face_table
 from vir_addon.core.sampling import light_samples
 from vir_addon.core.scene import Camera, Instances, Light, LightShape, Mesh, PixelFilter, SceneSnapshot
-from vir_addon.core.settings import Method, PointStorage, Settings
+from vir_addon.core.settings import Method, PointGeneration, PointStorage, Settings
 from vir_addon.device.interface import EMPTY_DEPTH_BITS, TextureFormat
 from vir_addon.device.open import open_device
 
@@ -182,6 +182,9 @@ def test_what_a_device_lacks_is_refused_before_any_work(snapshot, both, monkeypa
     monkeypatch.setattr(blender_device, "create_texture", None)
     with pytest.raises(UsageError, match=r"vwss.*gpu.*--device moderngl"):
         render_pass(snapshot, blender_device, method=Method.VWSS, view_count=8, map_resolution_px=128)
+    by_rasterizer = {"method": Method.IVIR, "point_generation": PointGeneration.RASTERIZER}
+    with pytest.raises(UsageError, match=r"geometry shaders.*gpu.*--device moderngl, or --point-generation compute"):
+        render_pass(snapshot, blender_device, **by_rasterizer, view_count=8, map_resolution_px=128)
 
 
 def test_a_device_repeats_itself(renderers):

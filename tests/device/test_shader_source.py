@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from tests.device.kernels import ECHO, NUMBER_TRIANGLES, SHADERS
+from tests.device.kernels import COLUMNS, ECHO, NUMBER_TRIANGLES, SHADERS
 from vir_addon.core.errors import DeviceError
 from vir_addon.device import check_shaders, shader_source
 from vir_addon.device.declaration import ComputeDeclaration, Constant, Stored
@@ -62,6 +62,11 @@ def test_stages_agree_on_what_passes_between_them():
     assert "flat out int instance_number;" in vertex.splitlines()
     assert "flat in int instance_number;" in fragment.splitlines()
     assert "out uint number;" in fragment.splitlines()
+
+    _, geometry, fragment = (text.splitlines() for text in shader_source.opengl_geometry(COLUMNS, []))
+    assert {"flat out int column_number;", "layout(triangle_strip, max_vertices = 4) out;"} <= set(geometry)
+    assert {"flat in int column_number;", "out uint number;"} <= set(fragment)
+    assert "layout(r32ui, binding = 0) uniform uimage2D counts;" in set(geometry) & set(fragment)
 
 
 @pytest.mark.parametrize(

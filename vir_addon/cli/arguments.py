@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from .. import __version__
-from ..core.settings import Method, PointStorage, Resolve, Settings
+from ..core.settings import Method, PointGeneration, PointStorage, Resolve, Settings
 
 EXIT_STATUS_TEXT = "exit status: 0 done, 2 wrong usage, 3 the scene cannot be rendered, 4 no usable device, 130 stopped with Ctrl-C"
 
@@ -105,6 +105,20 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help="whether ivir, hybrid and vwss keep their points between batches (default) or make them anew; others have no choice",
     )
     parser.add_argument(
+        "--point-generation",
+        type=partial(_parse_choice, PointGeneration),
+        default=defaults.point_generation,
+        metavar="compute|rasterizer",
+        help="what makes the points of ivir: kernels (default) or, as published, geometry shader and rasterizer (device moderngl only)",
+    )
+    parser.add_argument(
+        "--culling-area",
+        type=float,
+        default=defaults.culling_area_texels,
+        metavar="TEXELS",
+        help="ivir and hybrid cull smaller triangles at random: 0.1 (default) as published, 0.125 as in the preprint, 0 none",
+    )
+    parser.add_argument(
         "--views",
         type=int,
         default=defaults.view_count,
@@ -133,6 +147,9 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
     return Settings(
         method=arguments.method,
         points=arguments.points,
+        point_generation=arguments.point_generation,
+        stochastic_culling=arguments.culling_area != 0,
+        culling_area_texels=arguments.culling_area or Settings.culling_area_texels,
         view_count=arguments.views,
         map_resolution_px=arguments.map_resolution,
         light_names=arguments.lights,

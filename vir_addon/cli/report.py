@@ -35,10 +35,9 @@ def print_plan(console: Console, snapshot: SceneSnapshot, plan: RenderPlan) -> N
     )
     table = Table("light", "runs", "method", "views", "maps", "predicted", "why")
     for planned in plan.passes:
-        how = f"{planned.method.value} {planned.points.value if planned.points else ''}".strip()
         if planned.runs:
             views, predicted = str(planned.view_count), milliseconds(planned.predicted_ms)
-            maps = (how, views, f"{planned.map_resolution_px} px") if planned.needs_maps else ("none", views, "none")
+            maps = (planned.method_text, views, f"{planned.map_resolution_px} px") if planned.needs_maps else ("none", views, "none")
             table.add_row(planned.light_name, "yes", *maps, predicted, planned.reason)
         else:
             table.add_row(planned.light_name, "no", "", "", "", "", planned.reason)

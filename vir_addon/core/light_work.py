@@ -114,7 +114,7 @@ class LightWork:
         self.statistics = PassStatistics(
             planned.pass_name,
             planned.light_name,
-            planned.method.value + (f" {planned.points.value}" if planned.points else ""),
+            planned.method_text,
             planned.reason,
             view_count=planned.view_count,
             map_resolution_px=planned.map_resolution_px,

@@ -56,7 +56,8 @@ class PassStatistics:
     pass_name: str
     light_name: str
     method: str
-    """the method's name, with 'buffered' or 'bufferless' if it has points, or 'none' (no map was made; `reason` says why)"""
+    """the method's name, with 'buffered' or 'bufferless' if it has points and 'by rasterizer' if that makes them, or 'none' (no map was
+    made; `reason` says why)"""
     reason: str
     view_count: int = 0
     face_count: int = 0
@@ -66,6 +67,8 @@ class PassStatistics:
     """points generated for one replay of all views; 0 for methods without points"""
     kept_point_count: int = 0
     """points replayed after the first batch of views has found the others hidden; 0 when none were left out"""
+    culled_triangle_count: int = 0
+    """triangles so small that ivir and hybrid culled them at random"""
     small_triangle_count: int = 0
     """triangles of a few texels that are replayed for all views; 0 but for micro"""
     kept_small_triangle_count: int = 0

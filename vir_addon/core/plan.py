@@ -15,7 +15,7 @@ from .fit import choose_faces, light_casters, lit_places, may_shadow
 from .pass_set import unique_pass_names
 from .passes.shadow_maps import MAX_BATCH_VIEWS
 from .scene import Camera, Light, LightShape, SceneSnapshot
-from .settings import Method, PointStorage, Settings
+from .settings import Method, PointGeneration, PointStorage, Settings
 from .views import light_axes
 
 MIN_EYE_SAMPLES = 8
@@ -47,10 +47,17 @@ class PlannedPass:
     points: PointStorage | None = None
     view_count: int = 0
     map_resolution_px: int = 0
+    point_generation: PointGeneration = PointGeneration.COMPUTE
     needs_maps: bool = True
     """False: nothing can cast; surfaces are looked at for which way they face only"""
     surface_value: float = 1.0
     predicted_ms: float = 0.0
+
+    @property
+    def method_text(self) -> str:
+        """As plan and statistics name it: the method, where its points are kept, and how they are made if that is not the usual way."""
+        by = f"by {self.point_generation.value}" if self.point_generation is not PointGeneration.COMPUTE else ""
+        return " ".join(filter(None, [self.method.value, self.points.value if self.points else "", by]))
 
 
 @dataclass(frozen=True)
@@ -104,6 +111,13 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
     if not device.stores_from_fragments and any(planned.runs and planned.method is Method.VWSS for planned in render_plan.passes):
         raise UsageError(
             f"vwss stores what the rasterizer makes, which the device {device.name} cannot: use --device moderngl, or --method ivir"
+        )
+    if not device.stores_from_geometry and any(
+        planned.runs and planned.point_generation is PointGeneration.RASTERIZER for planned in render_plan.passes
+    ):
+        raise UsageError(
+            f"points by the rasterizer need geometry shaders that store, and the device {device.name} has none: "
+            "use --device moderngl, or --point-generation compute"
         )
     most_views = max((planned.view_count for planned in render_plan.passes if planned.runs), default=0)
     resolution_px, limit_px = render_plan.settings.map_resolution_px, device.max_texture_size_px
@@ -194,6 +208,7 @@ def _plan_light(
         reason=reason,
         method=method,
         points=settings.points if method.uses_points else None,
+        point_generation=settings.point_generation,
         view_count=view_count,
         map_resolution_px=settings.map_resolution_px,
         predicted_ms=estimates[method] + face_count * cost.resolve_ms(snapshot, view_count),

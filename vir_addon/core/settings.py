@@ -45,6 +45,12 @@ class PointStorage(enum.Enum):
     BUFFERLESS = "bufferless"
 
 
+class PointGeneration(enum.Enum):
+    COMPUTE = "compute"
+    RASTERIZER = "rasterizer"
+    """A geometry shader places triangles and the hardware rasterizer makes their points, as published."""
+
+
 class Resolve(enum.Enum):
     ADAPTIVE = "adaptive"
     """Tiles that the first batches find wholly lit or dark, with all pixels around, are only probed from then on, and looked up again
@@ -57,13 +63,17 @@ class Settings:
     method: Method = Method.AUTO
     points: PointStorage = PointStorage.BUFFERED
     """of ivir, hybrid and vwss; with AUTO it counts for lights that ivir is chosen for"""
+    point_generation: PointGeneration = PointGeneration.COMPUTE
+    """of ivir; other methods have no choice"""
     view_count: int = 64
     """light samples of a light with size; lights without size get one"""
     map_resolution_px: int = 1024
     light_names: tuple[str, ...] | None = None
     """None: every light that the scene shows"""
     stochastic_culling: bool = True
-    """cull triangles below a tenth of a pixel with probability 1 - 10 A (Gavane & Watson 2022, section 3.2)"""
+    """ivir, hybrid: cull triangles of an area A below T texels with probability 1 - A / T (Gavane & Watson 2022, section 3.2)"""
+    culling_area_texels: float = 0.1
+    """T: a tenth as published in 2022; the preprint of 2020 (section 3.3) has an eighth"""
     resolve: Resolve = Resolve.ADAPTIVE
     cull_hidden: bool = True
     """after the first batch of views, leave out buffered points and small triangles that none of its views is near to seeing"""
@@ -86,6 +96,8 @@ class Settings:
             raise UsageError(f"the map resolution must be 16 to 8192, not {self.map_resolution_px}")
         if not 0 <= self.small_triangle_points <= 32:
             raise UsageError(f"a small triangle may have 0 to 32 points, not {self.small_triangle_points}")
+        if not 0 < self.culling_area_texels <= 1:
+            raise UsageError(f"triangles may be culled below more than 0 and at most 1 texel, not {self.culling_area_texels:g}")
         if self.views_per_thread < 1:
             raise UsageError(f"a thread serves at least one view, not {self.views_per_thread}")
         if self.points is PointStorage.BUFFERLESS and not self.method.may_be_bufferless:
@@ -93,6 +105,11 @@ class Settings:
                 f"points cannot be {self.points.value} with the method {self.method.value}, "
                 f"which {'compares neighbours in their buffer' if self.method.uses_points else 'makes none'}; "
                 f"choose the method {Method.IVIR.value}, or leave the choice of points out"
+            )
+        if self.point_generation is not PointGeneration.COMPUTE and self.method is not Method.IVIR:
+            raise UsageError(
+                f"points are made by the {self.point_generation.value} only with {Method.IVIR.value}, not with {self.method.value}; "
+                f"choose the method {Method.IVIR.value}, or leave the choice of point generation out"
             )
         if self.replay_buffer_mib < 1:
             raise UsageError("the replay buffer needs at least 1 MiB")

@@ -22,12 +22,13 @@ import numpy as np
 
 from ..core.errors import DeviceError
 from . import shader_source
-from .declaration import ComputeDeclaration, KernelDeclaration, RasterDeclaration
+from .declaration import ComputeDeclaration, GeometryDeclaration, KernelDeclaration, RasterDeclaration
 from .interface import (
     ComputeKernel,
     Device,
     DeviceMesh,
     Draw,
+    GeometryKernel,
     RasterKernel,
     RenderTarget,
     Result,
@@ -215,6 +216,7 @@ class BlenderRasterKernel(RasterKernel):
 class BlenderGpuDevice(Device):
     name = "gpu"
     stores_from_fragments = False  # nothing issues a barrier after a draw
+    stores_from_geometry = False  # shaders have no such stage
 
     def __init__(self) -> None:
         try:
@@ -277,6 +279,9 @@ class BlenderGpuDevice(Device):
 
     def raster_kernel(self, declaration: RasterDeclaration, *flags: str) -> RasterKernel:
         return self._kernel(BlenderRasterKernel, declaration, flags)
+
+    def geometry_kernel(self, declaration: GeometryDeclaration, *flags: str) -> GeometryKernel:
+        raise DeviceError(f"kernel {declaration.name}: Blender's gpu module has no geometry shaders; use --device moderngl")
 
     def create_texture(self, width: int, height: int, texture_format: TextureFormat) -> Texture:
         return self.run(BlenderTexture, self, width, height, texture_format)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from ..core.errors import DeviceError
 from . import shader_source
-from .declaration import ComputeDeclaration, KernelDeclaration, RasterDeclaration
+from .declaration import ComputeDeclaration, GeometryDeclaration, KernelDeclaration, RasterDeclaration
 
 PASSES_PACKAGE = f"{__package__.rpartition('.')[0]}.core.passes"
 CONDITION = re.compile(r"^\s*#\s*(ifdef|ifndef|if|elif|else|endif)\b\s*(\w*)")
@@ -56,6 +56,8 @@ def declarations() -> list[KernelDeclaration]:
 def bodies(declaration: KernelDeclaration) -> list[str]:
     if isinstance(declaration, ComputeDeclaration):
         return [shader_source.load(declaration.source)]
+    if isinstance(declaration, GeometryDeclaration):
+        return [shader_source.load(declaration.geometry_source), shader_source.load(declaration.fragment_source)]
     assert isinstance(declaration, RasterDeclaration)
     return [shader_source.load(declaration.vertex_source), shader_source.load(declaration.fragment_source)]
 
@@ -106,7 +108,9 @@ def variant(declaration: KernelDeclaration, flags: Iterable[str]) -> Variant:
 def interface_names(declaration: KernelDeclaration) -> frozenset[str]:
     names = declaration.binding_names | set(declaration.defines)
     if isinstance(declaration, RasterDeclaration):
-        names |= {"position_os", declaration.output_name, *declaration.varyings}
+        names |= {"position_os"}
+    if isinstance(declaration, (RasterDeclaration, GeometryDeclaration)):
+        names |= {declaration.output_name, *declaration.varyings}
     return names
 
 

@@ -122,3 +122,18 @@ class RasterDeclaration(KernelDeclaration):
     """'uint', 'uvec2' or 'uvec4': the one colour attachment"""
     has_depth_test: bool = True
     """False: every fragment counts, in front or not"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeometryDeclaration(KernelDeclaration):
+    """A geometry shader makes a triangle strip of a number (gl_PrimitiveIDIn), the rasterizer fragments of that, and all of these store
+    into images. Only on devices that have `stores_from_geometry`."""
+
+    geometry_source: str
+    fragment_source: str
+    most_vertices: int
+    """of a strip"""
+    varyings: Mapping[str, Varying]
+    output_name: str
+    output_type: str
+    """as of a RasterDeclaration; nobody looks at it"""

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .declaration import ComputeDeclaration, KernelDeclaration, RasterDeclaration
+from .declaration import ComputeDeclaration, GeometryDeclaration, KernelDeclaration, RasterDeclaration
 
 Result = TypeVar("Result")
 
@@ -120,6 +120,14 @@ class RasterKernel(abc.ABC):
         """Draw with depth test 'less', unless the declaration has none, into `viewport` (x, y, width, height) of the target."""
 
 
+class GeometryKernel(abc.ABC):
+    declaration: GeometryDeclaration
+
+    @abc.abstractmethod
+    def draw(self, target: RenderTarget, viewport: tuple[int, int, int, int], strip_count: int, /, **bindings: Any) -> None:
+        """Draw so many strips into `viewport` (x, y, width, height) of the target, without a depth test."""
+
+
 class Device(abc.ABC):
     """A GPU (or its software stand-in).
 
@@ -134,6 +142,8 @@ class Device(abc.ABC):
     max_texture_size_px: int
     stores_from_fragments: bool
     """whether raster kernels may have images"""
+    stores_from_geometry: bool
+    """whether there are geometry kernels"""
     _kernels: dict[tuple[str, tuple[str, ...]], Any]
     """by declaration name and sorted flags"""
 
@@ -161,6 +171,9 @@ class Device(abc.ABC):
 
     @abc.abstractmethod
     def raster_kernel(self, declaration: RasterDeclaration, *flags: str) -> RasterKernel: ...
+
+    @abc.abstractmethod
+    def geometry_kernel(self, declaration: GeometryDeclaration, *flags: str) -> GeometryKernel: ...
 
     def _kernel(self, kind: type, declaration: KernelDeclaration, flags: tuple[str, ...]) -> Any:
         """The variant's kernel of the backend's class `kind`, made when it is first asked for."""

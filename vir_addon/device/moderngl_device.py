@@ -18,12 +18,13 @@ import numpy as np
 
 from ..core.errors import DeviceError
 from . import shader_source
-from .declaration import ComputeDeclaration, KernelDeclaration, RasterDeclaration
+from .declaration import ComputeDeclaration, GeometryDeclaration, KernelDeclaration, RasterDeclaration
 from .interface import (
     ComputeKernel,
     Device,
     DeviceMesh,
     Draw,
+    GeometryKernel,
     RasterKernel,
     RenderTarget,
     Result,
@@ -34,6 +35,9 @@ from .owned import Owned
 
 MINIMUM_OPENGL = 430
 GL_COLOR = 0x1800
+GL_MAX_GEOMETRY_IMAGE_UNIFORMS = 0x90CD
+GEOMETRY_IMAGES = 2
+"""that geometry shaders of this program store into; OpenGL guarantees none"""
 DRIVER_LINE = re.compile(r"\b0[:(](\d+)\b")
 """'0:7(10): error' of Mesa, '0(7) : error' of NVIDIA, 'ERROR: 0:7:' of others"""
 
@@ -171,6 +175,37 @@ class ModernglRasterKernel(RasterKernel):
             context.memory_barrier()
 
 
+class ModernglGeometryKernel(GeometryKernel):
+    def __init__(self, device: ModernglDevice, declaration: GeometryDeclaration, flags: tuple[str, ...]) -> None:
+        self.device, self.declaration = device, declaration
+        vertex, geometry, fragment = shader_source.opengl_geometry(declaration, flags)
+        stages = {
+            "vertex_shader": (shader_source.NUMBER_SOURCE, vertex),
+            "geometry_shader": (declaration.geometry_source, geometry),
+            "fragment_shader": (declaration.fragment_source, fragment),
+        }
+        self.program = device.compile(
+            declaration,
+            stages,
+            lambda: device.context.program(vertex_shader=vertex, geometry_shader=geometry, fragment_shader=fragment),
+        )
+        self.bindings = _Bindings(device, declaration, self.program)
+        self.numbers = device.context.vertex_array(self.program, [])
+
+    def draw(self, target: RenderTarget, viewport: tuple[int, int, int, int], strip_count: int, /, **bindings: Any) -> None:
+        if strip_count > 0:
+            self.device.run(self._draw, target, viewport, strip_count, bindings)
+
+    def _draw(self, target: ModernglTarget, viewport: tuple[int, int, int, int], strip_count: int, bindings: Mapping[str, Any]) -> None:
+        context, moderngl = self.device.context, self.device.moderngl
+        target.handle.use()
+        target.handle.viewport = viewport
+        self.bindings.bind(bindings)
+        context.enable_only(moderngl.NOTHING)
+        self.numbers.render(moderngl.POINTS, vertices=strip_count)
+        context.memory_barrier()
+
+
 class ModernglDevice(Device):
     name = "moderngl"
     stores_from_fragments = True
@@ -207,6 +242,11 @@ class ModernglDevice(Device):
         info = self.context.info
         self.description = f"{info['GL_RENDERER']}, OpenGL {info['GL_VERSION']}"
         self.max_texture_size_px = int(info["GL_MAX_TEXTURE_SIZE"])
+        image_count = ctypes.c_int()
+        ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.POINTER(ctypes.c_int))(native.load("glGetIntegerv"))(
+            GL_MAX_GEOMETRY_IMAGE_UNIFORMS, ctypes.byref(image_count)
+        )
+        self.stores_from_geometry = image_count.value >= GEOMETRY_IMAGES
         # moderngl clears with float colours only, which is undefined for unsigned textures; drawing or writing takes 4 to 7 times longer
         clear = ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_uint))
         self._clear_unsigned = clear(native.load("glClearBufferuiv"))
@@ -229,6 +269,9 @@ class ModernglDevice(Device):
 
     def raster_kernel(self, declaration: RasterDeclaration, *flags: str) -> RasterKernel:
         return self._kernel(ModernglRasterKernel, declaration, flags)
+
+    def geometry_kernel(self, declaration: GeometryDeclaration, *flags: str) -> GeometryKernel:
+        return self._kernel(ModernglGeometryKernel, declaration, flags)
 
     def create_texture(self, width: int, height: int, texture_format: TextureFormat) -> Texture:
         return self.run(ModernglTexture, self, width, height, texture_format)

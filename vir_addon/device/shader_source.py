@@ -11,8 +11,10 @@ from typing import NamedTuple
 
 from ..core.errors import DeviceError
 from ..resources import shader_folder
-from .declaration import ComputeDeclaration, KernelDeclaration, RasterDeclaration
+from .declaration import ComputeDeclaration, GeometryDeclaration, KernelDeclaration, RasterDeclaration
 
+NUMBER_SOURCE = "number.vert.glsl"
+"""the vertex shader of all geometry kernels"""
 INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 FORBIDDEN = re.compile(r"^\s*(#version|layout\s*\(|uniform\s|in\s|out\s)")
 
@@ -117,3 +119,15 @@ def opengl_raster(declaration: RasterDeclaration, flags: Iterable[str]) -> tuple
     output = f"out {declaration.output_type} {declaration.output_name};"
     fragment = [*shared, *(line % "in" for line in varyings), output, load(declaration.fragment_source)]
     return "\n".join(vertex) + "\n", "\n".join(fragment) + "\n"
+
+
+def opengl_geometry(declaration: GeometryDeclaration, flags: Iterable[str]) -> tuple[str, str, str]:
+    """vertex, geometry and fragment text"""
+    version = "#version 430"
+    shared = [version, prologue(declaration, flags), *_opengl_resources(declaration)]
+    varyings = [(f"{v.interpolation} %s {v.glsl_type} {name};") for name, v in declaration.varyings.items()]
+    strips = ["layout(points) in;", f"layout(triangle_strip, max_vertices = {declaration.most_vertices}) out;"]
+    geometry = [*shared, *strips, *(line % "out" for line in varyings), load(declaration.geometry_source)]
+    output = f"out {declaration.output_type} {declaration.output_name};"
+    fragment = [*shared, *(line % "in" for line in varyings), output, load(declaration.fragment_source)]
+    return "\n".join([version, load(NUMBER_SOURCE)]) + "\n", "\n".join(geometry) + "\n", "\n".join(fragment) + "\n"

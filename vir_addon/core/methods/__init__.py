@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from ..plan import PlannedPass
-from ..settings import Method
+from ..settings import Method, PointGeneration
 from .base import DepthMapMethod, FaceJob
 from .hybrid import HybridRasterization
 from .ivir import ImprovedViewIndependentRasterization
+from .ivir_by_rasterizer import PointsByRasterizer
 from .micro import MicroTriangleRasterization
 from .mvr import MultiviewRasterization
 from .vir import ViewIndependentRasterization
@@ -26,4 +27,5 @@ def depth_map_method(planned: PlannedPass, job: FaceJob) -> DepthMapMethod:
         return HybridRasterization(job, planned.points)
     if planned.method is Method.VWSS:
         return ViewWarpedSoftShadows(job, planned.points)
-    return ImprovedViewIndependentRasterization(job, planned.points)
+    by_rasterizer = planned.point_generation is PointGeneration.RASTERIZER
+    return (PointsByRasterizer if by_rasterizer else ImprovedViewIndependentRasterization)(job, planned.points)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...device.declaration import ComputeDeclaration
+from ...device.declaration import KernelDeclaration
 from ...device.owned import Owned
 from ..passes.scene_data import WORK_GROUP_SIZE
 from ..passes.shadow_maps import (
@@ -61,8 +61,11 @@ class _Portion:
 
 
 class ImprovedViewIndependentRasterization(ReplayMethod):
-    buffer_triangles = BUFFER_TRIANGLES
-    splat_triangles = SPLAT_TRIANGLES
+    buffer_triangles: KernelDeclaration = BUFFER_TRIANGLES
+    buffer_tiles: KernelDeclaration = BUFFER_TILES
+    splat_triangles: KernelDeclaration = SPLAT_TRIANGLES
+    splat_tiles: KernelDeclaration = SPLAT_TILES
+    invocations_per_tile = TILE_CELLS
 
     def __init__(self, job: FaceJob, storage: PointStorage) -> None:
         super().__init__(job)
@@ -144,7 +147,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         """Returns how many points there are (more than the buffer holds: the rest is lost) and triangles culled."""
         outputs = {"points": self.points.texture, "point_capacity": self.points.texel_count}
         self._run_triangles(self.buffer_triangles, portion.first_group, portion.group_count, **outputs)
-        self._run_tiles(BUFFER_TILES, 0, self.tile_count, **outputs)
+        self._run_tiles(self.buffer_tiles, 0, self.tile_count, **outputs)
         counters = self.device.read(self.counters)[0]
         self.buffered_point_count = int(counters[0])
         return int(counters[0]), int(counters[2])
@@ -165,21 +168,27 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
             for first_tile in range(0, self.tile_count, portion.tiles_at_once):
                 if first_tile:
                     self.device.fill(self.counters, 0)
-                self._run_tiles(BUFFER_TILES, first_tile, min(portion.tiles_at_once, self.tile_count - first_tile), **outputs)
+                self._run_tiles(self.buffer_tiles, first_tile, min(portion.tiles_at_once, self.tile_count - first_tile), **outputs)
                 self.buffered_point_count = int(self.device.read(self.counters)[0, 0])
                 yield
 
-    def _run_triangles(self, declaration: ComputeDeclaration, first_group: int, group_count: int, **outputs: Any) -> None:
+    def _generate(self, declaration: Any, invocation_count: int, **bindings: Any) -> None:
+        """Run one of the four kernels."""
         kernel = self.device.compute_kernel(declaration, *self._flags_of(declaration))
+        kernel.dispatch_linear(invocation_count, **bindings)
+
+    def _run_triangles(self, declaration: KernelDeclaration, first_group: int, group_count: int, **outputs: Any) -> None:
         while True:
             self.device.fill(self.counters, 0)
-            kernel.dispatch_linear(
-                group_count * kernel.declaration.local_size[0],
+            self._generate(
+                declaration,
+                group_count * WORK_GROUP_SIZE,
                 **self.sampling_bindings,
                 **outputs,
                 work_table=self.work.texture,
                 first_group=first_group,
                 group_count=group_count,
+                culling_area_texels=self.settings.culling_area_texels,
                 counters=self.counters,
                 **self._large_outputs(),
             )
@@ -224,12 +233,13 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         store.reserve(texels_each * 2 * count)
         return False
 
-    def _flags_of(self, declaration: ComputeDeclaration) -> list[str]:
+    def _flags_of(self, declaration: KernelDeclaration) -> list[str]:
         return sorted({*self.sampling_flags, *(self.splat_flags if "depth_maps" in declaration.images else ())})
 
-    def _run_tiles(self, declaration: ComputeDeclaration, first_tile: int, tile_count: int, **outputs: Any) -> None:
-        self.device.compute_kernel(declaration, *self._flags_of(declaration)).dispatch_linear(
-            tile_count * TILE_CELLS,
+    def _run_tiles(self, declaration: KernelDeclaration, first_tile: int, tile_count: int, **outputs: Any) -> None:
+        self._generate(
+            declaration,
+            tile_count * self.invocations_per_tile,
             **self.sampling_bindings,
             **outputs,
             tile_list=self.tiles.texture,
@@ -248,7 +258,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         outputs = {"depth_maps": maps.texture, "views": views, "view_count": len(selected)}
         if self.storage is PointStorage.BUFFERLESS:
             self._run_triangles(self.splat_triangles, 0, self.work.group_count, **outputs)
-            self._run_tiles(SPLAT_TILES, 0, self.tile_count, **outputs)
+            self._run_tiles(self.splat_tiles, 0, self.tile_count, **outputs)
             counters = self.device.read(self.counters)[0]
             self.point_count, self.culled_triangle_count = int(counters[0]), int(counters[2])
             return
@@ -286,4 +296,8 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
             self.buffered_point_count = self.kept_point_count
 
     def counts(self) -> dict[str, int]:
-        return {"point_count": self.point_count, "kept_point_count": self.kept_point_count}
+        return {
+            "point_count": self.point_count,
+            "kept_point_count": self.kept_point_count,
+            "culled_triangle_count": self.culled_triangle_count,
+        }

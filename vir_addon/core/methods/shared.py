@@ -7,6 +7,7 @@ from typing import Protocol
 
 from ...device.interface import Device, TextureFormat
 from ...device.owned import Owned
+from ..passes.shadow_maps import LATTICE_VIEWPORT_PX
 from ..settings import Settings
 from .linear_store import LinearStore
 
@@ -42,13 +43,13 @@ class PointScratch:
         self._owned.close()
 
 
-class SourceTarget:
-    """What the rasterizer draws parts of the source views of `vwss` into. Nobody looks at it: what counts is what fragments store."""
+class UnseenTarget:
+    """What the rasterizer draws into where nobody looks at it: what counts is what fragments store."""
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: Device, side_px: int) -> None:
         with Owned() as owned:
-            color = owned.own(device.create_texture(SOURCE_PART_PX, SOURCE_PART_PX, TextureFormat.R32UI))
-            depth = owned.own(device.create_texture(SOURCE_PART_PX, SOURCE_PART_PX, TextureFormat.DEPTH32F))
+            color = owned.own(device.create_texture(side_px, side_px, TextureFormat.R32UI))
+            depth = owned.own(device.create_texture(side_px, side_px, TextureFormat.DEPTH32F))
             self.target = owned.own(device.create_target(color, depth))
             self._owned = owned.pop_all()
 
@@ -71,8 +72,14 @@ class SharedByFaces:
         return PointScratch(self.device)
 
     @cached_property
-    def source_target(self) -> SourceTarget:
-        return SourceTarget(self.device)
+    def source_target(self) -> UnseenTarget:
+        """of `vwss`"""
+        return UnseenTarget(self.device, SOURCE_PART_PX)
+
+    @cached_property
+    def lattice_target(self) -> UnseenTarget:
+        """of `ivir` with points from the rasterizer"""
+        return UnseenTarget(self.device, LATTICE_VIEWPORT_PX)
 
     def touch(self, keeper: ReplayKeeper) -> None:
         """Note that a face's memory is in use, and let go of that of others beyond the budget."""
@@ -90,6 +97,6 @@ class SharedByFaces:
             self._keepers.remove(keeper)
 
     def release(self) -> None:
-        for name in ("point_scratch", "source_target"):
+        for name in ("point_scratch", "source_target", "lattice_target"):
             if name in self.__dict__:
                 self.__dict__[name].release()

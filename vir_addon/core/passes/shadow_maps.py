@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table, Varying
+from ...device.declaration import ComputeDeclaration, Constant, GeometryDeclaration, RasterDeclaration, Sampled, Stored, Table, Varying
 from ...device.interface import Device, RenderTarget, Texture, TextureFormat
 from ...device.owned import Owned
 from ..scene import Light
@@ -135,7 +135,7 @@ SAMPLING_FLAGS = {
     **ORTHOGRAPHIC_FLAG,
     "WATERTIGHT": "point spacing that leaves no texel empty instead of the published density",
     "GLOBAL_RATE": "a triangle's distance and the worst angle of any map decide its density (Marrs et al. 2017)",
-    "STOCHASTIC_CULLING": "cull triangles below a tenth of a texel with probability 1 - 10 A",
+    "STOCHASTIC_CULLING": "cull triangles of an area A below `culling_area_texels` with probability 1 - A / culling_area_texels",
 }
 PARTS_TEXT = "two texels a part of a large triangle: instance and triangle; corner and size"
 PART_CAPACITY = Constant("int", "parts that the list holds")
@@ -152,7 +152,7 @@ def _generate(name: str, text: str, source_flag: str, output_flag: str, *, list_
     tables = dict(SAMPLING_TABLES)
     if from_triangles:
         textures["work_table"] = WORK_TABLE
-        constants |= PORTION_CONSTANTS
+        constants |= PORTION_CONSTANTS | {"culling_area_texels": Constant("float", "area below which triangles are culled at random")}
         if list_large:
             images["large_triangles"] = Stored("RGBA32F", "write", "three texels a triangle, its corners in face space; w: instance")
             constants["large_capacity"] = Constant("int", "large triangles that the list holds")
@@ -180,7 +180,13 @@ def _generate(name: str, text: str, source_flag: str, output_flag: str, *, list_
         constants=constants,
         tables=tables,
         flags=SAMPLING_FLAGS if into_buffer else SAMPLING_FLAGS | SPLAT_FLAGS,
-        defines={**SCENE_DEFINES, source_flag: 1, output_flag: 1, **({"LIST_LARGE": 1} if list_large else {})},
+        defines={
+            **SCENE_DEFINES,
+            **({"WORK_GROUP_SIZE": WORK_GROUP_SIZE} if from_triangles else {}),
+            source_flag: 1,
+            output_flag: 1,
+            **({"LIST_LARGE": 1} if list_large else {}),
+        },
     )
 
 
@@ -222,6 +228,45 @@ SPLAT_SMALL_TRIANGLES = _generate(
     "splat_small_triangles", "points of small triangles into the maps, lists large ones", "FROM_TRIANGLES", "INTO_MAPS", list_large=True
 )
 SPLAT_TILES = _generate("splat_tiles", "points of large triangles into the maps", "FROM_TILES", "INTO_MAPS")
+
+LATTICE_VIEWPORT_PX = 64
+"""A lattice of 32 cells and a margin have room in it. With lattices side by side instead of one over the other, which would keep more than
+one processor of a software rasterizer busy, points took as long."""
+
+
+def _by_rasterizer(compute: ComputeDeclaration) -> GeometryDeclaration:
+    """The same with the rasterizer going over the cells of a lattice."""
+    return GeometryDeclaration(
+        name=f"{compute.name}_by_rasterizer",
+        text=f"{compute.text}, a fragment each",
+        geometry_source="generate_points.geom.glsl",
+        fragment_source="point_of_cell.frag.glsl",
+        most_vertices=6,
+        textures=compute.textures,
+        images=compute.images,
+        constants=compute.constants,
+        tables=compute.tables,
+        varyings={
+            "corners_uv": Varying("vec4", "flat", "the triangle's first two corners in its plane, metres from the centroid"),
+            "third_corner_uv": Varying("vec2", "flat", "and its third"),
+            "cell_counts": Varying("vec2", "flat", "cells of the lattice"),
+            "first_cell": Varying("vec4", "flat", "centre of the first one and their size, in the same plane"),
+            "centroid_fs": Varying("vec3", "flat", "of the triangle, face space"),
+            "along_u": Varying("vec3", "flat", "axes of the plane, T_align's rows"),
+            "along_v": Varying("vec3", "flat", "″"),
+            "normal_fs": Varying("vec3", "flat", "″"),
+        },
+        output_name="fragment",
+        output_type="uint",
+        flags=compute.flags,
+        defines={**compute.defines, "BY_RASTERIZER": 1, "LATTICE_VIEWPORT_PX": LATTICE_VIEWPORT_PX},
+    )
+
+
+BUFFER_TRIANGLES_BY_RASTERIZER = _by_rasterizer(BUFFER_TRIANGLES)
+BUFFER_TILES_BY_RASTERIZER = _by_rasterizer(BUFFER_TILES)
+SPLAT_TRIANGLES_BY_RASTERIZER = _by_rasterizer(SPLAT_TRIANGLES)
+SPLAT_TILES_BY_RASTERIZER = _by_rasterizer(SPLAT_TILES)
 
 
 def _warp(name: str, text: str, into_buffer: bool) -> RasterDeclaration:
