@@ -2,7 +2,7 @@
 // that the triangle touches. FROM_TRIANGLES walks the scene and leaves what has many cells as parts; FROM_PARTS cuts parts into
 // smaller ones, as often as it takes, and into tiles for FROM_TILES. With LIST_LARGE what takes many points is listed for the rasterizer.
 // INTO_BUFFER appends points, INTO_MAPS splats them as they come; with BY_RASTERIZER fragments do (generate_points.geom.glsl).
-#include "lib/scene_data.glsl"
+#include "lib/load_aligned.glsl"
 #include "lib/hash.glsl"
 #include "lib/triangle_sampling.glsl"
 
@@ -17,6 +17,9 @@ const float GENERATION_VIEW_PX = 4096.0;  // of vir's generation view; without a
 
 #ifdef INTO_MAPS
 #include "lib/splat.glsl"
+#ifdef EYE_DENSITY
+#include "lib/splat_cell.glsl"
+#endif
 #endif
 
 #ifdef BY_RASTERIZER
@@ -82,17 +85,41 @@ void emit_points(AlignedTriangle t, Cells cells, uint touched) {
         }
     }
 }
-#endif
 
+#ifdef EYE_DENSITY
+// Cells that are larger than texels: two texels of the buffer each, which they fill from its end.
+void emit_splats(AlignedTriangle t, Cells cells, uint touched, int instance, int triangle) {
+    uint count = uint(bitCount(touched));
+    if (count == 0u) {
+        return;
+    }
+    uint next = imageAtomicAdd(counters, ivec2(4, 0), count);
+#ifdef INTO_BUFFER
+    if (2u * (next + count) > uint(point_capacity)) {
+        return;
+    }
+    int place = point_capacity - 2 * int(next);
 #endif
-
-AlignedTriangle load_aligned(InstanceData instance, TriangleData triangle) {
-    vec3 a = face_position(triangle.position_ws[0]);
-    vec3 b = face_position(triangle.position_ws[1]);
-    vec3 c = face_position(triangle.position_ws[2]);
-    // face space is left-handed and transforms may mirror: the order of the corners keeps n at the triangle's front
-    return instance.orientation > 0.0 ? align_triangle(a, c, b) : align_triangle(a, b, c);
+    for (int j = 0; j < cells.count_y; j++) {
+        for (int i = 0; i < cells.count_x; i++) {
+            if ((touched & 1u) != 0u) {
+                vec2 center = cells.first_center + cells.size * vec2(i, j);
+#ifdef INTO_BUFFER
+                place -= 2;
+                imageStore(points, linear_texel(place), vec4(float(instance), float(triangle), center));
+                imageStore(points, linear_texel(place + 1), vec4(0.5 * cells.size, 0.0, 0.0));
+#else
+                splat_cell(t, center, 0.5 * cells.size);
+#endif
+            }
+            touched >>= 1u;
+        }
+    }
 }
+#endif
+#endif
+
+#endif
 
 #ifndef FROM_TILES
 float spacing_for(vec2 density) {
@@ -103,6 +130,18 @@ float spacing_for(vec2 density) {
     return inversesqrt(max(density.x, 0.01 * density.y));
 #endif
 }
+
+#ifdef EYE_DENSITY
+// The lattice may be coarser than the maps, by how much the eye says. What it makes of texels is bounded.
+float coarser_spacing(vec2 density, float coarseness) {
+    return min(spacing_for(density) * coarseness, MAX_SPLAT_LATTICES * inversesqrt(density.y));
+}
+
+// Whether a cell may take more than the texel that its point lies in.
+bool takes_texels(vec2 cell, vec2 density) {
+    return max(cell.x, cell.y) > 1.0001 * inversesqrt(density.y);
+}
+#endif
 
 #ifdef GLOBAL_RATE
 // A triangle has one spacing. What does not fit into the generation view at its rate stands farther away: it is sampled too sparsely.
@@ -133,10 +172,12 @@ bool wanted(AlignedTriangle t, vec2 center, vec2 half_size, out vec3 corners[4])
     return rectangle_overlaps(t, center, half_size) && !unseen(corners);
 }
 
-void append_tile(int instance, int triangle, vec2 low, vec2 size, vec2 cell_counts) {
+// of_splats: a negative number of columns says so
+void append_tile(int instance, int triangle, vec2 low, vec2 size, vec2 cell_counts, bool of_splats) {
     uint index = imageAtomicAdd(counters, ivec2(1, 0), 1u);
     if (index < uint(tile_capacity)) {
-        imageStore(tiles, linear_texel(2 * int(index)), vec4(float(instance), float(triangle), cell_counts));
+        vec2 counts = of_splats ? vec2(-cell_counts.x, cell_counts.y) : cell_counts;
+        imageStore(tiles, linear_texel(2 * int(index)), vec4(float(instance), float(triangle), counts));
         imageStore(tiles, linear_texel(2 * int(index) + 1), vec4(low, size / cell_counts));
     }
 }
@@ -165,11 +206,20 @@ void main() {
 #ifdef GLOBAL_RATE
             float spacing = spacing_of(t);
 #else
-            float spacing = spacing_for(largest_density_of_rectangle(corners, t.n));
+            vec2 density = largest_density_of_rectangle(corners, t.n);
+#ifdef EYE_DENSITY
+            float spacing = coarser_spacing(density, lattice_coarseness(0.5 * (corners[0] + corners[3]), 0.5 * length(node_size)));
+#else
+            float spacing = spacing_for(density);
+#endif
 #endif
             vec2 cell_counts = max(ceil(node_size / spacing), 1.0);
+            bool of_splats = false;
+#ifdef EYE_DENSITY
+            of_splats = takes_texels(node_size / min(cell_counts, float(TILE_CELLS)), density);
+#endif
             if (max(cell_counts.x, cell_counts.y) <= float(TILE_CELLS)) {
-                append_tile(instance_index, triangle_index, node_low, node_size, cell_counts);
+                append_tile(instance_index, triangle_index, node_low, node_size, cell_counts, of_splats);
             } else if (level < MAX_QUADTREE_LEVEL) {
                 level++;
                 node *= 2;
@@ -177,7 +227,7 @@ void main() {
             } else if (may_leave_parts != 0) {
                 append_part(instance_index, triangle_index, node_low, node_size);
             } else {
-                append_tile(instance_index, triangle_index, node_low, node_size, vec2(TILE_CELLS));
+                append_tile(instance_index, triangle_index, node_low, node_size, vec2(TILE_CELLS), of_splats);
             }
         }
         while (level > 0 && (node.x & node.y & 1) == 1) {
@@ -243,14 +293,24 @@ void main() {
     if (unseen(bounds)) {
         return;
     }
+    vec2 low = min(min(t.corner_uv[0], t.corner_uv[1]), t.corner_uv[2]);
+    vec2 high = max(max(t.corner_uv[0], t.corner_uv[1]), t.corner_uv[2]);
+    bool of_splats = false;
 #ifdef GLOBAL_RATE
     float spacing = spacing_of(t);
 #else
     vec2 density = largest_density(t);
+    float spacing = spacing_for(density);
+#ifdef EYE_DENSITY
+    float radius = max(max(length(t.corner_uv[0]), length(t.corner_uv[1])), length(t.corner_uv[2]));
+    spacing = coarser_spacing(density, lattice_coarseness(t.centroid_fs, radius));
+    of_splats = takes_texels((high - low) / max(ceil((high - low) / spacing), 1.0), density);
+#endif
 #ifdef STOCHASTIC_CULLING
-    // section 3.2: below a tenth of a texel (in the preprint an eighth) a triangle is culled with probability 1 - 10 A (1 - 8 A)
+    // section 3.2: below a tenth of a texel (in the preprint an eighth) a triangle is culled with probability 1 - 10 A (1 - 8 A). Not
+    // what is splatted: a splat covers texels whose centres its triangle covers, so others cannot stand for it.
     float area_texels = t.area * density.x;
-    if (area_texels < culling_area_texels) {
+    if (area_texels < culling_area_texels && !of_splats) {
         uint identity = hash_position(triangle.position_os[0]) + hash_position(triangle.position_os[1]) + hash_position(triangle.position_os[2]);
         if (unit_float(pcg_hash(identity + instance.stable_id)) * culling_area_texels >= area_texels) {
             imageAtomicAdd(counters, ivec2(2, 0), 1u);
@@ -258,10 +318,7 @@ void main() {
         }
     }
 #endif
-    float spacing = spacing_for(density);
 #endif
-    vec2 low = min(min(t.corner_uv[0], t.corner_uv[1]), t.corner_uv[2]);
-    vec2 high = max(max(t.corner_uv[0], t.corner_uv[1]), t.corner_uv[2]);
     // the lattice starts at the triangle's bounds and divides them evenly: no cells that stick out, and a triangle smaller than a
     // cell becomes one point
     vec2 counts = max(ceil((high - low) / spacing), 1.0);
@@ -279,6 +336,12 @@ void main() {
             return;
         }
 #else
+#ifdef EYE_DENSITY
+        if (of_splats) {
+            emit_splats(t, cells, touched, instance_index, triangle_index);
+            return;
+        }
+#endif
         emit_points(t, cells, touched);
         return;
 #endif
@@ -317,7 +380,13 @@ void main() {
 #ifdef BY_RASTERIZER
     emit_rectangle(t, Cells(first_center, place.zw, int(owner.z), int(owner.w)));
 #else
-    Cells cells = Cells(first_center, place.zw, int(owner.z), 1);
+    Cells cells = Cells(first_center, place.zw, int(abs(owner.z)), 1);
+#ifdef EYE_DENSITY
+    if (owner.z < 0.0) {
+        emit_splats(t, cells, touched_cells(t, cells), int(owner.x), int(owner.y));
+        return;
+    }
+#endif
     emit_points(t, cells, touched_cells(t, cells));
 #endif
 }

@@ -1,50 +1,9 @@
 // Sampling a triangle as in improved view-independent rasterization (Gavane & Watson 2022, section 3).
 #include "lib/seen_space.glsl"
+#include "lib/aligned_triangle.glsl"
 
 const float SMALL_TRIANGLE_SHARE = 0.01;  // of its depth
 const float TOUCHING_SHARE = 1.0 / 64.0;
-
-struct AlignedTriangle {
-    vec3 corner_fs[3];
-    vec3 centroid_fs;
-    vec3 u;  // T_align (eq. 1): u, v span the triangle's plane, n is its unit normal
-    vec3 v;
-    vec3 n;
-    vec2 corner_uv[3];  // metres from the centroid, counter-clockwise
-    float area;
-};
-
-AlignedTriangle align_triangle(vec3 a, vec3 b, vec3 c) {
-    AlignedTriangle t;
-    t.corner_fs[0] = a;
-    t.corner_fs[1] = b;
-    t.corner_fs[2] = c;
-    t.centroid_fs = (a + b + c) / 3.0;
-    vec3 scaled = cross(b - a, c - a);
-    float twice_area = length(scaled);
-    t.area = 0.5 * twice_area;
-    t.n = twice_area > 0.0 ? scaled / twice_area : vec3(0.0);
-    // along the longest edge the triangle's bounds are smallest, and so is the number of cells that it does not fill
-    vec3 ab = b - a, bc = c - b, ca = a - c;
-    float squared_ab = dot(ab, ab), squared_bc = dot(bc, bc), squared_ca = dot(ca, ca);
-    float squared = max(max(squared_ab, squared_bc), squared_ca);
-    vec3 longest = squared == squared_ab ? ab : (squared == squared_bc ? bc : ca);
-    t.u = squared > 0.0 ? longest * inversesqrt(squared) : vec3(1.0, 0.0, 0.0);
-    t.v = cross(t.n, t.u);
-    for (int k = 0; k < 3; k++) {
-        vec3 d = t.corner_fs[k] - t.centroid_fs;
-        t.corner_uv[k] = vec2(dot(d, t.u), dot(d, t.v));
-    }
-    return t;
-}
-
-vec3 point_at(AlignedTriangle t, vec2 uv) {
-    return t.centroid_fs + uv.x * t.u + uv.y * t.v;
-}
-
-float cross_2d(vec2 a, vec2 b) {
-    return a.x * b.y - a.y * b.x;
-}
 
 // Whether a rectangle touches the triangle: conservative rasterization of a lattice cell (Akenine-Moeller & Aila 2005).
 bool rectangle_overlaps(AlignedTriangle t, vec2 center, vec2 half_size) {
@@ -145,13 +104,57 @@ float least_visible_depth(vec3 p_fs, float slack) {
 vec2 texel_density(vec3 p, vec3 n, float least_depth) {
     float z = max(p.z, least_depth);
     vec2 tangent = clamp(p.xy / z, window_bounds.xz, window_bounds.yw);
+#ifdef EYE_DENSITY
+    vec2 texels = texels_per_tangent / z;
+#else
     vec2 texels = texels_per_tangent / sampled_depth(z);
+#endif
     vec3 row_x = texels.x * vec3(1.0, 0.0, -tangent.x);
     vec3 row_y = texels.y * vec3(0.0, 1.0, -tangent.y);
     float along_x = dot(row_x, n), along_y = dot(row_y, n);
     float frobenius = dot(row_x, row_x) + dot(row_y, row_y) - along_x * along_x - along_y * along_y;
     return vec2(abs(dot(vec3(tangent, 1.0), n)) * texels.x * texels.y, frobenius);
 }
+
+#ifdef EYE_DENSITY
+#define eye_position_fs (eye[0].xyz)
+#define eye_pixel_angle (eye[1].x)  // of a perspective camera, 0 for others
+#define eye_pixel_m (eye[1].y)      // of an orthographic one
+
+const float MAX_SPLAT_LATTICES = 16.0;    // cells of the maps' own lattice along a splat's side
+const float POINTS_PER_EYE_PIXEL = 0.5;  // rho_scale, which the paper found best
+
+// A lower bound of the distance from the eye to what a ball may shadow, whichever of the light's points shines. Behind the ball, its
+// shadow is a ball's that grows by `widening` a metre; it ends with the farthest receiver.
+float distance_to_shadow_volume(vec3 center, float radius) {
+    vec3 from_light = center - hull_box[0].xyz;
+    float away = length(from_light);
+    float widening = (radius + length(hull_box[1].xyz)) / max(away, 1e-30);
+    if (widening >= 1.0) {
+        return 0.0;  // it may be anywhere
+    }
+    vec3 direction = from_light / away;
+    vec3 to_eye = eye_position_fs - center;
+    float along = dot(to_eye, direction);
+    float aside = sqrt(max(dot(to_eye, to_eye) - along * along, 0.0));
+    float deepest = far_m + hull_box[0].z + hull_box[1].z - center.z + radius;
+    float sinking = direction.z - widening;
+    float length_m = sinking > 0.0 ? max(deepest, 0.0) / sinking : 3.0e38;
+    float nearest = clamp(along + aside * widening * inversesqrt(1.0 - widening * widening), 0.0, length_m);
+    return max(length(vec2(nearest - along, aside)) - radius - widening * nearest, 0.0);
+}
+
+// How many times coarser than for the maps a lattice may be. rho_mv (Gavane & Watson 2022 b, eq. 5): d_lt / d_ev is how many texels
+// of a map an eye's pixel takes, if both have the same tangent; the maps' own density, s_ortho, is the most that is of use. Surfaces
+// nearer to the light than its diameter need no more than if they stood there.
+float lattice_coarseness(vec3 center, float radius) {
+    float pixel_m = eye_pixel_angle * distance_to_shadow_volume(center, radius) + eye_pixel_m;
+    float texel_m = footprint_share * (length(center - hull_box[0].xyz) + length(hull_box[1].xyz));
+    float depth = least_visible_depth(center, radius);
+    float wanted = max(pixel_m * inversesqrt(POINTS_PER_EYE_PIXEL) / texel_m, sampled_depth(depth) / depth);
+    return clamp(wanted, 1.0, MAX_SPLAT_LATTICES);
+}
+#endif
 
 #ifdef GLOBAL_RATE
 // Marrs et al. 2017: the distance of the nearest view, and under which angle whatever triangle may be seen at the windows' farthest

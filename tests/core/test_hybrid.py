@@ -86,8 +86,8 @@ def test_lowest_bit_tells_points_from_rasterized_triangles(device):
     for threshold in (0, 32):
         arguments = {"method": Method.HYBRID, "small_triangle_points": threshold, "view_count": 8, "map_resolution_px": 512}
         with prepared_renderer(scene, device, **arguments) as renderer:
-            ((fitted, _, method),) = renderer.works[0].faces
-            maps = renderer.store.maps(fitted.views.map_width_px, fitted.views.map_height_px, 8)
+            ((_, _, method),) = renderer.works[0].faces
+            maps = renderer.store.maps(8)
             method.fill(maps, range(8))
             read = device.run(device.read, maps.texture)
             bits[threshold] = read[read != EMPTY_DEPTH_BITS] & 1

@@ -123,9 +123,14 @@ def test_no_light_at_all():
         plan(scene_with(), Settings())
 
 
+def light_for(method):
+    """One that it can do."""
+    return point_light() if method is Method.EPR else area_light()
+
+
 @pytest.mark.parametrize("method", list(Method))
 def test_method_is_decided(method):
-    line = planned(scene_with(area_light()), method=method)
+    line = planned(scene_with(light_for(method)), method=method)
     assert line.method is not Method.AUTO
     assert (line.points is None) == (not line.method.uses_points)
     assert line.method.value in line.reason
@@ -200,7 +205,7 @@ def test_settings_out_of_range(arguments):
 @pytest.mark.parametrize("method", Method)
 def test_points_are_of_a_method_that_makes_some(method):
     """What would be ignored is refused; with auto it decides how ivir would be done."""
-    if method in (Method.IVIR, Method.HYBRID, Method.VWSS, Method.AUTO):
+    if method in (Method.IVIR, Method.HYBRID, Method.VWSS, Method.EPR, Method.AUTO):
         assert Settings(method=method, points=PointStorage.BUFFERLESS).points is PointStorage.BUFFERLESS
     else:
         with pytest.raises(UsageError, match=f"bufferless with the method {method.value}.*ivir"):
@@ -233,7 +238,7 @@ def test_cut_outs_cost(method):
     card = rectangle("card", (-1, -1, 1), (2, 0, 0), (0, 2, 0))
     camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
     opaque, cut_out = (
-        planned(snapshot([floor(4.0), shown], [area_light()], camera, WIDTH, HEIGHT), method=method)
+        planned(snapshot([floor(4.0), shown], [light_for(method)], camera, WIDTH, HEIGHT), method=method)
         for shown in (card, with_opacity(card, np.eye(2), [(0, 0), (1, 0), (1, 1), (0, 1)]))
     )
     assert cut_out.predicted_ms > opaque.predicted_ms

@@ -43,9 +43,9 @@ def test_one_rate_for_all_takes_more_points(device, is_watertight):
 def test_local_culling_leaves_out_only_what_is_hidden(device):
     """The maps are those of all points, a point at a time."""
     with prepared_renderer(made("leaves"), device, method=Method.VIR, view_count=8, map_resolution_px=256) as renderer:
-        ((fitted, _, method),) = renderer.works[0].faces
+        ((_, _, method),) = renderer.works[0].faces
         assert method.replay_flags == ["LOCAL_CULLING"] and method.point_count % method.points_per_invocation
-        maps = renderer.store.maps(fitted.views.map_width_px, fitted.views.map_height_px, 8)
+        maps = renderer.store.maps(8)
         method.fill(maps, range(8))
         culled = device.run(device.read, maps.texture).view(np.float32).copy()
         method.replay_flags, method.points_per_invocation = [], 1

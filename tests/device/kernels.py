@@ -102,6 +102,14 @@ HASHES = compute(
     },
     constants={"hash_count": Constant("int", "-")},
 )
+SHADOW_VOLUMES = compute(
+    "shadow_volumes",
+    textures={"balls": Sampled("sampler2D", "centre and radius")},
+    images={"distances": Stored("RGBA32F", "write", "a texel a ball")},
+    constants={"ball_count": Constant("int", "-"), **SAMPLING_CONSTANTS},
+    tables=SAMPLING_TABLES,
+    defines={"EYE_DENSITY": 1},
+)
 TRIANGLE_FUNCTIONS = compute(
     "triangle_functions",
     textures={

@@ -15,6 +15,7 @@ from tests.scenes import METHODS_AND_HYBRID, area_light, box, bumpy_sphere, floo
 from vir_addon.core.passes.shadow_maps import MAX_BATCH_VIEWS
 from vir_addon.core.plan import plan
 from vir_addon.core.render import render
+from vir_addon.core.scene import LightShape
 from vir_addon.core.settings import Method, PointGeneration, PointStorage, Resolve, Settings
 from vir_addon.device.interface import Device, Texture, TextureFormat
 
@@ -72,8 +73,8 @@ def counted(device: Device, monkeypatch: pytest.MonkeyPatch) -> Iterator[Holding
         yield holdings
 
 
-def scene(light_count: int = 1):
-    """The second light stands in a corner and takes a cube, and does not light the box."""
+def scene(light_count: int = 1, *, lamps: bool = False):
+    """The second light stands in a corner and takes a cube, and does not light the box. lamps: both shine to all sides"""
     meshes = [
         floor(3.0),
         rectangle("wall", (-3, 2, 0), (6, 0, 0), (0, 0, 3)),
@@ -84,6 +85,8 @@ def scene(light_count: int = 1):
         area_light("Key", (2.0, -2.0, 5.0)),
         area_light("Rim", (-2.0, 1.0, 1.5), (0.0, 0.5, 0.5), (0.5, 0.5), receivers=np.array([True, True, False, True])),
     ]
+    if lamps:
+        lights = [dataclasses.replace(light, shape=LightShape.POINT) for light in lights]
     camera = perspective_camera((0.5, -6.0, 3.5), (0.0, 0.0, 0.5), WIDTH, HEIGHT)
     return snapshot(meshes, lights[:light_count], camera, WIDTH, HEIGHT)
 
@@ -121,6 +124,8 @@ HOW = {
     "vir": {"method": Method.VIR},
     "vwss": {"method": Method.VWSS},
     "vwss bufferless": {"method": Method.VWSS, "points": PointStorage.BUFFERLESS},
+    "epr": {"method": Method.EPR},
+    "epr bufferless": {"method": Method.EPR, "points": PointStorage.BUFFERLESS},
     "hybrid": {"method": Method.HYBRID},
     "hybrid bufferless": {"method": Method.HYBRID, "points": PointStorage.BUFFERLESS},
 }
@@ -131,7 +136,7 @@ HOW = {
 def test_closing_leaves_nothing(device, monkeypatch, stop, how):
     if (HOW[how]["method"] is Method.VWSS or "point_generation" in HOW[how]) and not device.stores_from_fragments:
         pytest.skip("refused on this device: test_parity.py")
-    taken = scene(light_count=2)
+    taken = scene(light_count=2, lamps=HOW[how]["method"] is Method.EPR)
     work = plan(taken, Settings(view_count=16, map_resolution_px=64, **HOW[how]))
     assert work.batch_count == STOPS["at the end"]
     with counted(device, monkeypatch) as holdings:
@@ -163,15 +168,15 @@ def test_an_error_between_batches_leaves_nothing(device, monkeypatch, error):
     [
         pytest.param(how, marks=() if how in ("micro", "bufferless") else pytest.mark.slow)
         for how in HOW
-        if how not in ("vir", "vwss bufferless")
+        if how not in ("vir", "vwss bufferless", "epr bufferless")
     ],
 )
 def test_whatever_there_is_no_memory_for(device_called, monkeypatch, how):
     """Each thing in turn is the one that cannot be had: what was made before it is released, once.
 
-    `vir` makes what `ivir` makes, and `vwss` less without a buffer."""
+    `vir` makes what `ivir` makes, `vwss` less without a buffer, and `epr` what `ivir` makes then."""
     # what a device does is not asked for, only how often
-    device, taken = device_called("moderngl"), scene(light_count=2)
+    device, taken = device_called("moderngl"), scene(light_count=2, lamps=HOW[how]["method"] is Method.EPR)
     # so little that what is replayed is let go and made again, and so many batches that hidden parts and settled pixels are left out
     settings = Settings(view_count=64, map_resolution_px=64, replay_buffer_mib=1, resolve=Resolve.ADAPTIVE, **HOW[how])
     work = dataclasses.replace(plan(taken, settings), batch_count=8)

@@ -273,8 +273,15 @@ LAMPS = {
 }
 
 
-@pytest.mark.parametrize("method", METHODS_AND_HYBRID)
-@pytest.mark.parametrize("name", LAMPS)
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        (name, method)
+        for name, light in LAMPS.items()
+        for method in (*METHODS_AND_HYBRID, Method.EPR)
+        if light.shape.is_omni or method is not Method.EPR
+    ],
+)
 def test_passes_of_lamps_agree(snapshot, both, name, method):
     scene = dataclasses.replace(snapshot, lights=(LAMPS[name],), width_px=96, height_px=54)
     a, b = (render_pass(scene, device, method=method, view_count=8, map_resolution_px=128) for device in both)

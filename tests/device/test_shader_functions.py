@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tests.device.kernels import DIRECTIONS, HASHES, TRIANGLE_FUNCTIONS
+from tests.device.kernels import DIRECTIONS, HASHES, SHADOW_VOLUMES, TRIANGLE_FUNCTIONS
 from vir_addon.core.passes.scene_data import pack_directions
 from vir_addon.device.interface import LINEAR_TEXTURE_WIDTH, TextureFormat
 
@@ -138,6 +138,7 @@ def answers(device):
         "face": np.zeros((11, 4)),
         "hull": np.zeros((1, 4)),
         "hull_box": np.zeros((2, 4)),
+        "eye": np.zeros((2, 4)),
         "seen_space": np.zeros((6, 4)),
         "window_bounds": np.zeros(4),
         "hull_count": 0,
@@ -251,3 +252,56 @@ def test_rectangles_overlap_where_clipping_leaves_something(answers):
     assert overlaps[surely].all()
     assert not overlaps[~perhaps].any()
     assert 0.2 < overlaps.mean() < 0.8 and (surely != perhaps).mean() < 0.01
+
+
+VOLUME_COUNT = 400
+FAR_M = 12.0
+
+
+def shadow_points(random, center, radius, light_center, light_half, count=4000):
+    """Places that a ball shadows from some point of a box of light, as far as FAR_M deep; half of them along the outline."""
+    light = light_center + random.uniform(-1, 1, (count, 3)) * light_half
+    offset = random.normal(size=(count, 3))
+    away = (center - light_center) / np.linalg.norm(center - light_center)
+    offset[::2] -= (offset[::2] @ away)[:, None] * away
+    on_ball = center + radius * offset / np.linalg.norm(offset, axis=1, keepdims=True)
+    places = (
+        on_ball + (on_ball - light) * np.concatenate([random.uniform(0, 1, count // 2), 10 ** random.uniform(-2, 2, count // 2)])[:, None]
+    )
+    return places[places[:, 2] <= FAR_M + light[:, 2]]
+
+
+def test_distance_to_a_shadow_volume_is_a_close_lower_bound(device):
+    """Of Gavane & Watson 2022 b, figure 9, against random places of the volume."""
+    random = np.random.default_rng(8)
+    centers = random.uniform([-3, -3, 2], [3, 3, 8], (VOLUME_COUNT, 3))
+    radii = 10 ** random.uniform(-2, 0, VOLUME_COUNT)
+    eye, light_center, light_half = np.array([1.0, -4.0, 3.0]), np.array([0.2, 0.1, 0.0]), np.array([0.2, 0.1, 0.15])
+    face = np.zeros((13, 4))
+    face[4, :2] = 1e-3, FAR_M
+    output = linear_texture(device, VOLUME_COUNT)
+    device.compute_kernel(SHADOW_VOLUMES).dispatch_linear(
+        VOLUME_COUNT,
+        balls=device.upload_array(np.column_stack([centers, radii])),
+        distances=output,
+        ball_count=VOLUME_COUNT,
+        face=face,
+        hull=np.zeros((1, 4)),
+        hull_box=np.pad([light_center, light_half], ((0, 0), (0, 1))),
+        eye=np.pad([eye, np.zeros(3)], ((0, 0), (0, 1))),
+        seen_space=np.zeros((6, 4)),
+        window_bounds=np.zeros(4),
+        hull_count=0,
+    )
+    found = read_rows(device, output, VOLUME_COUNT)[:, 0]
+    true = np.array(
+        [
+            np.linalg.norm(shadow_points(random, center, radius, light_center, light_half) - eye, axis=1).min()
+            for center, radius in zip(centers, radii, strict=True)
+        ]
+    )
+    assert (found <= true + 1e-4).all()
+    # of small balls the samples are dense enough to say how close it is
+    small = (radii < 0.1) & (true > 1.0)
+    assert small.sum() > 50
+    assert np.median(found[small] / true[small]) > 0.9 and (found[small] / true[small]).min() > 0.5

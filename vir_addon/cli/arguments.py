@@ -102,7 +102,7 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         type=partial(_parse_choice, PointStorage),
         default=defaults.points,
         metavar="buffered|bufferless",
-        help="whether ivir, hybrid and vwss keep their points between batches (default) or make them anew; others have no choice",
+        help="whether ivir, hybrid, vwss and epr keep their points between batches (default) or make them anew; others have no choice",
     )
     parser.add_argument(
         "--point-generation",

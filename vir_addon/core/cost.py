@@ -150,6 +150,7 @@ def estimate_methods(
         Method.HYBRID: hybrid_ns,
         Method.VIR: points_ns(everything, GLOBAL_RATE_SHARE),
         Method.VWSS: points_ns(everything),
+        Method.EPR: points_ns(everything),
     }
     cut_out_ns = view_count * _cut_out_ns_a_view(snapshot, estimates, texels)
     return {method: (ns + cut_out_ns) * 1e-6 for method, ns in nanoseconds.items()}

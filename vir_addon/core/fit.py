@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .bounds import FLAT_TOLERANCE, SceneBounds
+from .eye_pixels import EyePixels
 from .sampling import light_samples
 from .scene import Light, LightShape, SceneSnapshot
 from .views import (
@@ -36,6 +37,8 @@ RECEIVER_MARGIN_PX = 5.0
 """Filters reach 1.5 pixels to each side, and perspective may make the outermost pixels cover more than the mean."""
 NOTHING = np.array([1.0, -1.0, 1.0, -1.0])
 """bounds (left, right, bottom, top) that hold no point"""
+TEXELS_PER_EYE_PIXEL = 4.0
+"""each way, as many as a pixel has visibility samples (core/passes/eye.py), which show by what part of a pixel an edge is off"""
 MAX_PAIRS = 4_000_000
 """view-instance pairs evaluated exactly; beyond it all views share one window"""
 
@@ -270,10 +273,26 @@ def _union(bounds: np.ndarray) -> np.ndarray:
     return np.array([kept[:, 0].min(), kept[:, 1].max(), kept[:, 2].min(), kept[:, 3].max()])
 
 
+def finest_tangent(points_fs: np.ndarray, centers_fs: np.ndarray, widths_m: np.ndarray) -> float:
+    """Of a texel which on no receiver, (n, 3) face space, is smaller than TEXELS_PER_EYE_PIXEL of the (n,) widths that the eye's pixels
+    have there: d_lt / d_er of Gavane & Watson 2022 b, eq. 6, the most demanding receiver and view counting."""
+    distances = np.linalg.norm(points_fs, axis=1) + np.linalg.norm(centers_fs, axis=1).max()
+    return float((widths_m / distances).min()) / TEXELS_PER_EYE_PIXEL
+
+
 def fit_face(
-    face: Face, light: Light, samples_m: np.ndarray, casters: CasterSet, receivers: Receivers, resolution_px: int
+    face: Face,
+    light: Light,
+    samples_m: np.ndarray,
+    casters: CasterSet,
+    receivers: Receivers,
+    resolution_px: int,
+    pixels: EyePixels | None = None,
 ) -> FittedFace | None:
-    """Windows of all views of a face. None when the face holds no receiver; without casters when nothing in it is shadowed."""
+    """Windows of all views of a face. None when the face holds no receiver; without casters when nothing in it is shadowed.
+
+    pixels: of the eye, which decide how fine maps have to be; None: they have `resolution_px`.
+    """
     rotation, center = face.face_from_world, light.world_from_light[:3, 3]
     centers_fs = samples_m @ light_axes(light) @ rotation.T
     hull_fs = (light_hull(light, samples_m) - center) @ rotation.T
@@ -285,6 +304,7 @@ def fit_face(
     if not in_face.any():
         return None
     points = points[in_face]
+    finest = None if pixels is None else finest_tangent(points, centers_fs, pixels.widths_m(receivers.points_ws[in_face]))
     far_m = float(points[:, 2].max() - hull_fs[:, 2].min()) * (1 + min(receivers.margin, 1.0))
     near_m = NEAR_SHARE_OF_FAR * far_m
 
@@ -309,7 +329,7 @@ def fit_face(
         windows = np.tile(_union(windows), (len(centers_fs), 1))
         seen = np.tile(needed, (len(centers_fs), 1))
     windows[_is_empty(windows)] = 0
-    views = fit_windows(face, centers_fs, samples_m, windows, resolution_px, near_m, far_m, center)
+    views = fit_windows(face, centers_fs, samples_m, windows, resolution_px, near_m, far_m, center, finest_tangent=finest)
     return FittedFace(views, casters.indices[needed], seen[:, needed], float(nearest_m))
 
 
@@ -377,14 +397,20 @@ def fit_sun(light: Light, samples_m: np.ndarray, casters: CasterSet, receivers: 
 
 
 def fit_light(
-    snapshot: SceneSnapshot, light: Light, samples_m: np.ndarray, bounds: SceneBounds, receivers: Receivers, resolution_px: int
+    snapshot: SceneSnapshot,
+    light: Light,
+    samples_m: np.ndarray,
+    bounds: SceneBounds,
+    receivers: Receivers,
+    resolution_px: int,
+    pixels: EyePixels | None = None,
 ) -> tuple[list[FittedFace], bool]:
-    """All faces of a light that hold receivers, and whether it took a cube."""
+    """All faces of a light that hold receivers, and whether it took a cube. pixels: as of `fit_face`; not of suns"""
     if not len(receivers.points_ws):
         return [], False
     casters = shadowing_casters(snapshot, light, bounds, receivers.points_ws, samples_m)
     if light.shape is LightShape.SUN:
         return [fit_sun(light, samples_m, casters, receivers, resolution_px)], False
     faces = choose_faces(light, receivers.points_ws, samples_m)
-    fitted = (fit_face(face, light, samples_m, casters, receivers, resolution_px) for face in faces)
+    fitted = (fit_face(face, light, samples_m, casters, receivers, resolution_px, pixels) for face in faces)
     return [face for face in fitted if face is not None], len(faces) > 1

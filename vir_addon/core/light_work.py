@@ -9,6 +9,7 @@ import numpy as np
 from ..device.interface import Device, Texture, TextureFormat
 from ..device.owned import Owned
 from .bounds import cullable_instances
+from .eye_pixels import eye_pixels
 from .fit import FittedFace, fit_light, light_hull, select_receivers
 from .methods import depth_map_method
 from .methods.base import DepthMapMethod, FaceJob
@@ -21,7 +22,7 @@ from .passes.shadow_maps import FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, WAS_
 from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
 from .sampling import light_samples, sample_weights
 from .scene import Light, LightShape
-from .settings import Resolve
+from .settings import Method, Resolve
 from .stopwatch import Stopwatch
 
 LightFace = tuple[FittedFace, np.ndarray, DepthMapMethod | None]
@@ -33,7 +34,8 @@ class MapStore:
 
     def __init__(self, device: Device, width: int, height: int, plan: RenderPlan) -> None:
         self.device = device
-        self._maps: dict[tuple[int, int, int], DepthMaps] = {}
+        self._maps: dict[int, DepthMaps] = {}
+        self._width_px = self._height_px = 1
         with Owned() as owned:
             self.shared = owned.own(SharedByFaces(device, plan.settings))
             zeros = np.zeros((height, width, 4), np.float32)
@@ -42,11 +44,15 @@ class MapStore:
             self.no_receivers: Texture = owned.own(device.upload_array(np.ones((1, 4), np.float32)))
             self._owned = owned.pop_all()
 
-    def maps(self, width_px: int, height_px: int, view_count: int) -> DepthMaps:
-        key = (max(width_px, 1), max(height_px, 1), view_count)
-        if key not in self._maps:
-            self._maps[key] = self._owned.own(DepthMaps(self.device, *key))
-        return self._maps[key]
+    def make_room(self, width_px: int, height_px: int) -> None:
+        """To be told of all maps of a frame before the first are asked for: those that the picture decides the size of share a texture with
+        larger ones."""
+        self._width_px, self._height_px = max(self._width_px, width_px), max(self._height_px, height_px)
+
+    def maps(self, view_count: int) -> DepthMaps:
+        if view_count not in self._maps:
+            self._maps[view_count] = self._owned.own(DepthMaps(self.device, self._width_px, self._height_px, view_count))
+        return self._maps[view_count]
 
     def release(self) -> None:
         self._owned.close()
@@ -132,7 +138,10 @@ class LightWork:
         with stopwatch.stage("points"):
             snapshot, bounds = self.scene_data.snapshot, self.plan.bounds
             receivers = select_receivers(positions, normals, self.light)
-            fitted_faces, is_cube = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, self.planned.map_resolution_px)
+            pixels = eye_pixels(snapshot) if self.planned.method is Method.EPR else None
+            fitted_faces, is_cube = fit_light(
+                snapshot, self.light, self.samples_m, bounds, receivers, self.planned.map_resolution_px, pixels
+            )
             if is_cube:
                 self.resolve_flags.append("MANY_FACES")
             is_sun = self.light.shape is LightShape.SUN
@@ -149,8 +158,13 @@ class LightWork:
             if method is not None:
                 with stopwatch.stage("points"):
                     method.prepare()
+        for fitted in fitted_faces:
+            self.store.make_room(fitted.views.map_width_px, fitted.views.map_height_px)
+        self.statistics.map_resolution_px = max(
+            (max(fitted.views.map_width_px, fitted.views.map_height_px) for fitted in fitted_faces), default=0
+        )
         if not any(method for _, _, method in self.faces):
-            self.statistics.method, self.statistics.map_resolution_px = "none", 0
+            self.statistics.method = "none"
             if self.planned.needs_maps:
                 self.statistics.reason = f"{self.planned.reason}; {NO_MAP_REASON}"
         self._update_statistics()
@@ -187,8 +201,8 @@ class LightWork:
         selected = self.batch_views(batch)
         self.accumulator.begin_batch(len(eye.buffers))
         turns: FaceTurns | None = None
-        for index, (fitted, _, method) in enumerate(self.mapped):
-            maps = self.store.maps(fitted.views.map_width_px, fitted.views.map_height_px, self.largest_batch)
+        for index, (_, _, method) in enumerate(self.mapped):
+            maps = self.store.maps(self.largest_batch)
             if method is not None:
                 with stopwatch.stage("splat or raster"):
                     method.fill(maps, selected)
@@ -202,7 +216,7 @@ class LightWork:
         if not self.faces:
             # nothing visible is reached; surfaces still have to be told from the background
             with stopwatch.stage("resolve"):
-                nothing = {"map_face": 0, "face_mask": 0, "depth_maps": self.store.maps(1, 1, 1).texture}
+                nothing = {"map_face": 0, "face_mask": 0, "depth_maps": self.store.maps(1).texture}
                 empty = {name: np.zeros((1, 4)) for name in ("face", "views", "samples")}
                 only_turn = np.full(self.accumulator.looked_up.shape, FIRST_FACE | LAST_FACE)
                 for part in range(len(eye.buffers)):

@@ -222,6 +222,11 @@ def _refuse_what_the_method_cannot_do(light: Light, settings: Settings) -> None:
             f"vwss warps the view of an area light, and {light.name!r} is a {light.shape.value}: use --method ivir, or leave the light out "
             "with --lights"
         )
+    if settings.method is Method.EPR and not light.shape.is_omni:
+        raise UsageError(
+            f"epr makes the shadows of lights that shine to all sides, and {light.name!r} is a {light.shape.value}: use --method ivir, "
+            "or leave the light out with --lights"
+        )
     if settings.method is Method.VIR and light.shape is LightShape.SUN:
         raise UsageError(
             f"vir samples at the rate of perspective views, and those of the sun {light.name!r} are parallel: use --method ivir, "

@@ -16,16 +16,17 @@ class Method(enum.Enum):
     HYBRID = "hybrid"
     VIR = "vir"
     VWSS = "vwss"
+    EPR = "epr"
 
     @property
     def uses_points(self) -> bool:
         """Whether maps are splatted from points, which may be kept from batch to batch."""
-        return self in (Method.IVIR, Method.HYBRID, Method.VIR, Method.VWSS)
+        return self in (Method.IVIR, Method.HYBRID, Method.VIR, Method.VWSS, Method.EPR)
 
     @property
     def may_be_bufferless(self) -> bool:
         """Whether maps can be splatted without keeping points; with AUTO it counts for lights that a method with points is chosen for."""
-        return self in (Method.AUTO, Method.IVIR, Method.HYBRID, Method.VWSS)
+        return self in (Method.AUTO, Method.IVIR, Method.HYBRID, Method.VWSS, Method.EPR)
 
     @property
     def shrinks_cut_outs(self) -> bool:
@@ -35,7 +36,7 @@ class Method(enum.Enum):
     @property
     def resolve_flags(self) -> tuple[str, ...]:
         """How RESOLVE has to look at the maps. Points of vwss lie at centres of texels, of its own view, and do not enlarge outlines."""
-        if self is Method.HYBRID:
+        if self in (Method.HYBRID, Method.EPR):
             return ("POINT_MAPS", "MIXED_MAPS")
         return ("POINT_MAPS",) if self.shrinks_cut_outs else ()
 
@@ -62,7 +63,7 @@ class Resolve(enum.Enum):
 class Settings:
     method: Method = Method.AUTO
     points: PointStorage = PointStorage.BUFFERED
-    """of ivir, hybrid and vwss; with AUTO it counts for lights that ivir is chosen for"""
+    """of ivir, hybrid, vwss and epr; with AUTO it counts for lights that ivir is chosen for"""
     point_generation: PointGeneration = PointGeneration.COMPUTE
     """of ivir; other methods have no choice"""
     view_count: int = 64

@@ -23,6 +23,8 @@ MAX_SINGLE_FACE_TANGENT = math.tan(math.radians(50))
 LADDER_STEPS_PER_OCTAVE = 8
 """texel sizes are powers of 2^(1/8): at most 9 % of a map's width is lost to the ladder"""
 WINDOW_MARGIN_TEXELS = 2
+MAP_SIZE_STEP_PX = 32
+"""of maps that are as large as the picture asks for: changes by less are not worth a change"""
 MIN_PARALLAX_SHARE = 0.5
 """A map is at least this share as wide as its window wanders from view to view. A few pixels that see a corner of a room would
 ask for any density of points over everything between them and the light, to resolve what its size blurs."""
@@ -155,6 +157,11 @@ def snap_up_to_ladder(size: float) -> float:
     return 2.0 ** (math.ceil(math.log2(size) * LADDER_STEPS_PER_OCTAVE - 1e-9) / LADDER_STEPS_PER_OCTAVE)
 
 
+def snap_down_to_ladder(size: float) -> float:
+    """The largest power of 2^(1/8) that is at most `size`."""
+    return 2.0 ** (math.floor(math.log2(size) * LADDER_STEPS_PER_OCTAVE + 1e-9) / LADDER_STEPS_PER_OCTAVE)
+
+
 def fit_windows(
     face: Face,
     centers_fs: np.ndarray,
@@ -165,19 +172,25 @@ def fit_windows(
     far_m: float,
     origin_ws: np.ndarray,
     shear_depth_m: float | None = None,
+    finest_tangent: float | None = None,
 ) -> FaceViews:
     """Place one map per view over its window.
 
     windows: (view_count, 4) float64 tangents (suns: metres) left, right, bottom, top that the maps must cover.
     shear_depth_m: of a sun, from the first caster to the last receiver; how far windows wander there is what parallax is to others.
+    finest_tangent: texels need not be finer, and maps are then smaller than `resolution_px`, in steps of MAP_SIZE_STEP_PX.
     """
     usable = resolution_px - 2 * WINDOW_MARGIN_TEXELS - 1
-    tangents = []
+    tangents, sizes = [], []
+    coarsest = 0.0 if finest_tangent is None else snap_down_to_ladder(finest_tangent)
     for axis, (low, high) in enumerate((windows[:, :2].T, windows[:, 2:].T)):
         wander = float(np.ptp(low + high)) / 2 if shear_depth_m is None else float(np.ptp(samples_m[:, axis])) * shear_depth_m
         width = max(float((high - low).max()), MIN_PARALLAX_SHARE * wander, 1e-6)
         farthest = max(float(np.abs(low).max()), float(np.abs(high).max()))
-        tangents.append(snap_up_to_ladder(max(width / usable, farthest / MAX_LATTICE_INDEX)))
+        tangents.append(snap_up_to_ladder(max(width / usable, farthest / MAX_LATTICE_INDEX, coarsest)))
+        needed = math.ceil(width / tangents[axis]) + resolution_px - usable
+        steps = -(-needed // MAP_SIZE_STEP_PX)
+        sizes.append(resolution_px if finest_tangent is None else min(steps * MAP_SIZE_STEP_PX, resolution_px))
     origin = [np.floor(windows[:, 2 * axis] / tangents[axis]).astype(np.int64) - WINDOW_MARGIN_TEXELS for axis in (0, 1)]
     return FaceViews(
         face=face,
@@ -185,8 +198,8 @@ def fit_windows(
         samples_m=samples_m,
         texel_tangent=(tangents[0], tangents[1]),
         window_texels=np.stack(origin, axis=-1),
-        map_width_px=resolution_px,
-        map_height_px=resolution_px,
+        map_width_px=sizes[0],
+        map_height_px=sizes[1],
         near_m=near_m,
         far_m=far_m,
         origin_ws=origin_ws,

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from ..plan import PlannedPass
-from ..settings import Method, PointGeneration
+from ..settings import Method, PointGeneration, PointStorage
 from .base import DepthMapMethod, FaceJob
+from .epr import EyeBasedPointRendering
 from .hybrid import HybridRasterization
 from .ivir import ImprovedViewIndependentRasterization
 from .ivir_by_rasterizer import PointsByRasterizer
@@ -13,19 +16,24 @@ from .mvr import MultiviewRasterization
 from .vir import ViewIndependentRasterization
 from .vwss import ViewWarpedSoftShadows
 
+WITHOUT_CHOICE: dict[Method, Callable[[FaceJob], DepthMapMethod]] = {
+    Method.MVR: MultiviewRasterization,
+    Method.MICRO: MicroTriangleRasterization,
+    Method.VIR: ViewIndependentRasterization,
+}
+OF_POINTS: dict[Method, Callable[[FaceJob, PointStorage], DepthMapMethod]] = {
+    Method.IVIR: ImprovedViewIndependentRasterization,
+    Method.HYBRID: HybridRasterization,
+    Method.VWSS: ViewWarpedSoftShadows,
+    Method.EPR: EyeBasedPointRendering,
+}
+
 
 def depth_map_method(planned: PlannedPass, job: FaceJob) -> DepthMapMethod:
-    if planned.method is Method.MVR:
-        return MultiviewRasterization(job)
-    if planned.method is Method.MICRO:
-        return MicroTriangleRasterization(job)
-    if planned.method is Method.VIR:
-        return ViewIndependentRasterization(job)
+    if planned.method in WITHOUT_CHOICE:
+        return WITHOUT_CHOICE[planned.method](job)
     if planned.points is None:
         raise ValueError(f"{planned.method.value} needs a point storage")
-    if planned.method is Method.HYBRID:
-        return HybridRasterization(job, planned.points)
-    if planned.method is Method.VWSS:
-        return ViewWarpedSoftShadows(job, planned.points)
-    by_rasterizer = planned.point_generation is PointGeneration.RASTERIZER
-    return (PointsByRasterizer if by_rasterizer else ImprovedViewIndependentRasterization)(job, planned.points)
+    if planned.point_generation is PointGeneration.RASTERIZER:
+        return PointsByRasterizer(job, planned.points)
+    return OF_POINTS[planned.method](job, planned.points)

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...device.declaration import KernelDeclaration
 from ...device.owned import Owned
+from ..eye_pixels import eye_pixels
 from ..passes.scene_data import WORK_GROUP_SIZE
 from ..passes.shadow_maps import (
     BUFFER_TILES,
@@ -29,7 +30,7 @@ from ..settings import PointStorage
 from .base import FaceJob, ReplayMethod
 from .linear_store import LinearStore
 from .seen_space import seen_space_bindings, window_bounds
-from .shared import TEXELS_PER_TILE
+from .shared import TEXELS_PER_SPLAT, TEXELS_PER_TILE
 
 TILE_CELLS = 8
 MAX_SMALL_CELLS = 32
@@ -66,6 +67,8 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
     splat_triangles: KernelDeclaration = SPLAT_TRIANGLES
     splat_tiles: KernelDeclaration = SPLAT_TILES
     invocations_per_tile = TILE_CELLS
+    texels_per_point = 1
+    """of the buffer, at most"""
 
     def __init__(self, job: FaceJob, storage: PointStorage) -> None:
         super().__init__(job)
@@ -81,6 +84,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
             "face": self.face_table,
             "hull_box": hull_box(seen_space["hull"][:, :3], bounds),
             "window_bounds": bounds,
+            "eye": eye_pixels(self.scene_data.snapshot).table(fitted.views),
         }
         self.sampling_flags = ["WATERTIGHT"] * self.settings.watertight + ["STOCHASTIC_CULLING"] * self.settings.stochastic_culling
         self.sampling_flags += self.projection_flags
@@ -93,6 +97,8 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         self.point_count = 0
         self.tile_count = 0
         self.buffered_point_count = 0
+        self.buffered_splat_count = 0
+        """at the end of the buffer; only `epr` makes some"""
         self.kept_point_count = 0
         self._portions: list[_Portion] = []
 
@@ -122,35 +128,40 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         pending, portions, total, culled = [_Portion(0, self.work.group_count)], [], 0, 0
         while pending:
             portion = pending.pop()
-            points, culled_here = self._generate_into_buffer(portion)
-            if points > self.points.texel_count and points <= self.capacity_limit:
-                self.points.reserve(points)
-                points, culled_here = self._generate_into_buffer(portion)
+            texels, culled_here = self._generate_into_buffer(portion)
+            if self.points.texel_count < texels <= self.capacity_limit:
+                self.points.reserve(texels)
+                texels, culled_here = self._generate_into_buffer(portion)
             first, count = portion.first_group, portion.group_count
-            if points > self.points.texel_count and count > 1:
+            if texels > self.points.texel_count and count > 1:
                 half = count // 2
                 pending += [_Portion(first + half, count - half), _Portion(first, half)]
                 continue
-            if points > self.points.texel_count:
+            if texels > self.points.texel_count:
                 # a few large triangles that fill the buffer many times over
                 self.points.reserve(self.capacity_limit)
-                room = self.points.texel_count - WORK_GROUP_SIZE * MAX_SMALL_CELLS
+                room = self.points.texel_count // self.texels_per_point - WORK_GROUP_SIZE * MAX_SMALL_CELLS
                 portion = _Portion(first, count, tiles_at_once=room // TILE_CELLS**2)
                 self.portion_count += -(-self.tile_count // portion.tiles_at_once) - 1
             portions.append(portion)
-            total, culled = total + points, culled + culled_here
+            total, culled = total + self.buffered_point_count + self.buffered_splat_count, culled + culled_here
         self.portion_count += len(portions) - 1
         self.point_count, self.culled_triangle_count = total, culled
         return portions
 
     def _generate_into_buffer(self, portion: _Portion) -> tuple[int, int]:
-        """Returns how many points there are (more than the buffer holds: the rest is lost) and triangles culled."""
+        """Returns how many texels the points take (more than the buffer has: the rest is lost) and triangles culled."""
         outputs = {"points": self.points.texture, "point_capacity": self.points.texel_count}
         self._run_triangles(self.buffer_triangles, portion.first_group, portion.group_count, **outputs)
         self._run_tiles(self.buffer_tiles, 0, self.tile_count, **outputs)
+        culled = self._read_counts()
+        return self.buffered_point_count + TEXELS_PER_SPLAT * self.buffered_splat_count, culled
+
+    def _read_counts(self) -> int:
+        """Set how many points and splats the generating kernels found; returns how many triangles they culled."""
         counters = self.device.read(self.counters)[0]
-        self.buffered_point_count = int(counters[0])
-        return int(counters[0]), int(counters[2])
+        self.buffered_point_count, self.buffered_splat_count = int(counters[0]), int(counters[4])
+        return int(counters[2])
 
     def _buffer_fillings(self) -> Iterator[None]:
         """Yields every time the buffer holds `buffered_point_count` points to replay, until all points had their turn."""
@@ -169,7 +180,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
                 if first_tile:
                     self.device.fill(self.counters, 0)
                 self._run_tiles(self.buffer_tiles, first_tile, min(portion.tiles_at_once, self.tile_count - first_tile), **outputs)
-                self.buffered_point_count = int(self.device.read(self.counters)[0, 0])
+                self._read_counts()
                 yield
 
     def _generate(self, declaration: Any, invocation_count: int, **bindings: Any) -> None:
@@ -204,7 +215,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         kernel = self.device.compute_kernel(CUT_PARTS, *self.sampling_flags)
         done = 0
         for cut in range(MAX_CUTS + 1):
-            _, self.tile_count, _, part_count = (int(count) for count in self.device.read(self.counters)[0])
+            _, self.tile_count, _, part_count = (int(count) for count in self.device.read(self.counters)[0, :4])
             lists = ((self.tiles, self.tile_count), (self.parts, part_count))
             fits = [self._fits(store, TEXELS_PER_TILE, count) for store, count in lists]
             if not all(fits):
@@ -259,19 +270,23 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         if self.storage is PointStorage.BUFFERLESS:
             self._run_triangles(self.splat_triangles, 0, self.work.group_count, **outputs)
             self._run_tiles(self.splat_tiles, 0, self.tile_count, **outputs)
-            counters = self.device.read(self.counters)[0]
-            self.point_count, self.culled_triangle_count = int(counters[0]), int(counters[2])
+            self.culled_triangle_count = self._read_counts()
+            self.point_count = self.buffered_point_count + self.buffered_splat_count
             return
         for _ in self._buffer_fillings():
-            self.device.compute_kernel(SPLAT_POINTS, *self.splat_flags, *self.replay_flags).dispatch_linear(
-                -(-self.buffered_point_count // self.points_per_invocation),
-                **outputs,
-                face=self.face_table,
-                points=self.points.texture,
-                point_count=self.buffered_point_count,
-            )
+            self._replay(**outputs)
         if self.portion_count == 1 and self._may_search_hidden(selected):
             self._keep_seen_points(**outputs)
+
+    def _replay(self, **batch: Any) -> None:
+        """What the buffer holds into the maps. batch: what points are splatted with"""
+        self.device.compute_kernel(SPLAT_POINTS, *self.splat_flags, *self.replay_flags).dispatch_linear(
+            -(-self.buffered_point_count // self.points_per_invocation),
+            **batch,
+            face=self.face_table,
+            points=self.points.texture,
+            point_count=self.buffered_point_count,
+        )
 
     def _keep_seen_points(self, **batch: Any) -> None:
         """batch: what points are splatted with"""

@@ -13,6 +13,9 @@ from .linear_store import LinearStore
 
 TEXELS_PER_TILE = 2
 """of a part as well"""
+TEXELS_PER_SPLAT = 2
+COUNTER_COUNT = 5
+"""as of COUNTERS in core/passes/shadow_maps.py"""
 FIRST_TILE_CAPACITY = 1 << 15
 FIRST_PART_CAPACITY = 1 << 13
 SOURCE_PART_PX = 2048
@@ -34,7 +37,7 @@ class PointScratch:
 
     def __init__(self, device: Device) -> None:
         with Owned() as owned:
-            self.counters = owned.own(device.create_texture(4, 1, TextureFormat.R32UI))
+            self.counters = owned.own(device.create_texture(COUNTER_COUNT, 1, TextureFormat.R32UI))
             self.tiles = owned.own(LinearStore(device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY))
             self.parts = owned.own(LinearStore(device, TEXELS_PER_TILE * FIRST_PART_CAPACITY))
             self._owned = owned.pop_all()

@@ -99,7 +99,27 @@ SPLAT_POINTS = ComputeDeclaration(
     defines={"POINTS_AT_ONCE": POINTS_AT_ONCE},
 )
 
-COUNTERS = Stored("R32UI", "atomic", "texel 0: points, 1: tiles, 2: culled triangles, 3: parts of large triangles or, listed, these")
+SPLAT_CELLS = ComputeDeclaration(
+    name="splat_cells",
+    text="replays the splats of the point buffer, cells larger than texels, into the maps of a batch",
+    source="splat_cells.comp.glsl",
+    textures={
+        **SCENE_TEXTURES,
+        "points": Sampled("sampler2D", "from its end two texels a splat: instance, triangle and centre; half size"),
+    },
+    images={"depth_maps": DEPTH_MAPS_ATOMIC},
+    constants={
+        "view_count": VIEW_COUNT,
+        "buffer_end": Constant("int", "texels of the buffer"),
+        "splat_count": Constant("int", "splats in the buffer"),
+    },
+    tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
+    defines=SCENE_DEFINES,
+)
+
+COUNTERS = Stored(
+    "R32UI", "atomic", "texel 0: points, 1: tiles, 2: culled triangles, 3: parts of large triangles or, listed, these, 4: splats"
+)
 
 KEEP_SEEN_POINTS = ComputeDeclaration(
     name="keep_seen_points",
@@ -126,6 +146,7 @@ SAMPLING_TABLES = {
     "hull_box": Table(
         2, "centre and half size of the hull (face space); w of the first: depth over distance at the windows' farthest corner"
     ),
+    "eye": Table(2, "the eye (face space); smallest angle of its pixels, their width in metres; read with EYE_DENSITY"),
 }
 SAMPLING_CONSTANTS = {
     **SEEN_SPACE_CONSTANTS,
@@ -134,6 +155,7 @@ SAMPLING_CONSTANTS = {
 SAMPLING_FLAGS = {
     **ORTHOGRAPHIC_FLAG,
     "WATERTIGHT": "point spacing that leaves no texel empty instead of the published density",
+    "EYE_DENSITY": "the lattice is as coarse as the eye's pixels let it be, and cells larger than texels are splats",
     "GLOBAL_RATE": "a triangle's distance and the worst angle of any map decide its density (Marrs et al. 2017)",
     "STOCHASTIC_CULLING": "cull triangles of an area A below `culling_area_texels` with probability 1 - A / culling_area_texels",
 }

@@ -1,0 +1,44 @@
+"""How much of the scene a pixel of the picture takes: what no map and no density of points has to be finer than."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .scene import SceneSnapshot
+from .views import FaceViews
+
+
+@dataclass(frozen=True)
+class EyePixels:
+    """A pixel's width at a distance from the eye, a lower bound for all of the picture."""
+
+    eye_ws: np.ndarray
+    """(3,) float64"""
+    angle_rad: float
+    """the smallest angle that a pixel of a perspective camera takes, 0 for others"""
+    width_m: float
+    """of an orthographic camera's pixel, 0 for others"""
+
+    def widths_m(self, places_ws: np.ndarray) -> np.ndarray:
+        """(n, 3) -> (n,)"""
+        return self.angle_rad * np.linalg.norm(places_ws - self.eye_ws, axis=1) + self.width_m
+
+    def table(self, views: FaceViews) -> np.ndarray:
+        """(2, 4) rows of the table `eye` (core/passes/shadow_maps.py)"""
+        rows = np.zeros((2, 4))
+        rows[0, :3] = views.face.face_from_world @ (self.eye_ws - views.origin_ws)
+        rows[1, :2] = self.angle_rad, self.width_m
+        return rows
+
+
+def eye_pixels(snapshot: SceneSnapshot) -> EyePixels:
+    camera = snapshot.camera
+    left, right, bottom, top = camera.window
+    width = min(abs(right - left) / snapshot.width_px, abs(top - bottom) / snapshot.height_px)
+    if camera.is_orthographic:
+        return EyePixels(camera.world_from_view[:3, 3], 0.0, width)
+    # away from the axis a tangent's step is a smaller angle, by the squared cosine
+    squared_tangent = max(abs(left), abs(right)) ** 2 + max(abs(bottom), abs(top)) ** 2
+    return EyePixels(camera.world_from_view[:3, 3], width / (1 + squared_tangent), 0.0)
