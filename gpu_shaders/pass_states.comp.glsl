@@ -20,8 +20,9 @@ void main() {
     if (pixel.x >= width || pixel.y >= height) {
         return;
     }
-    vec2 sums = texelFetch(moments, pixel, 0).xy;
-    float surface_samples = texelFetch(coverage, pixel, 0).y;
+    vec4 rounds = texelFetch(round_sums, pixel, 0);
+    vec2 sums = rounds.xy;
+    float surface_samples = rounds.w;
     uint state = STATE_MIXED;
     if (surface_samples == 0.0) {
         state = STATE_BACKGROUND;

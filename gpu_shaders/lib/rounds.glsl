@@ -42,8 +42,11 @@ void add_to_pass(int turn, ivec2 pixel, bool surface, vec2 sums) {
     // rounds that the tile was left out of count as those before them
     float repeats = own_tile().w;
     if (surface || repeats != 1.0) {
-        imageStore(moments, pixel, repeats * imageLoad(moments, pixel) + vec4(sums, sums.x * sums.x, sums.x * sums.y));
-        imageStore(coverage, pixel, repeats * imageLoad(coverage, pixel) + vec4(sums.y * sums.y, surface ? 1.0 : 0.0, 0.0, 0.0));
+        vec4 before = repeats * imageLoad(round_sums, pixel);
+        // Welford's way, for a ratio: (s - R d) of the ratio R before this round times that of the one after it
+        float deviation = sums.x * before.y - sums.y * before.x;
+        float squared = before.y > 0.0 ? deviation * deviation / (before.y * (before.y + sums.y)) : 0.0;
+        imageStore(round_sums, pixel, before + vec4(sums, squared, surface ? 1.0 : 0.0));
     }
 #endif
 }

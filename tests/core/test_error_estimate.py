@@ -10,11 +10,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.scenes import CENTRES_ONLY, area_light, camera_from_above, floor, rectangle, render_pass, rmse, snapshot
+from tests.scenes import CENTRES_ONLY, area_light, camera_from_above, floor, prepared_renderer, rectangle, render_pass, rmse, snapshot
 from vir_addon.core.plan import plan
 from vir_addon.core.render import render
 from vir_addon.core.scene import LightShape, PixelFilter
-from vir_addon.core.settings import Method, Settings
+from vir_addon.core.settings import Method, Resolve, Settings
 
 WIDTH, HEIGHT = 96, 54
 REFERENCE_VIEWS = 1024
@@ -90,6 +90,29 @@ def test_estimate_falls_as_one_over_the_root_of_the_batches(device):
     batches = np.arange(1, 33)
     scaled = estimates[3:] * np.sqrt(batches[3:])
     assert scaled.max() / scaled.min() < 1.2, scaled
+
+
+def test_estimate_is_that_of_the_ratio_of_all_rounds(device):
+    """The device never has all rounds at once: the deviations that it adds up on the way come to those from the ratio in the end."""
+    scene = snapshot([floor(), *leaves()], [LIGHTS["ellipse"]], camera_from_above((0, 0), 4.0, WIDTH, HEIGHT), WIDTH, HEIGHT)
+    settings = {"method": Method.MVR, "view_count": 48, "map_resolution_px": MAP_PX, "resolve": Resolve.FULL}
+    with prepared_renderer(scene, device, **settings) as renderer:
+        assert renderer.plan.eye_samples_per_batch == 1
+        (work,) = renderer.works
+        sums = []
+        for batch in range(renderer.plan.batch_count):
+            device.run(renderer.render_batch, batch)
+            sums.append(np.stack(device.run(work.accumulator.read)[:2]).astype(np.float64) * (batch + 1))
+        estimate = device.run(work.accumulator.compute_error)
+    shadowed, delivered = np.diff(sums, axis=0, prepend=0).swapaxes(0, 1)
+    lit = delivered.sum(axis=0) > 0
+    ratio = shadowed.sum(axis=0)[lit] / delivered.sum(axis=0)[lit]
+    rounds = len(shadowed)
+    deviations = ((shadowed[:, lit] - ratio * delivered[:, lit]) ** 2).sum(axis=0)
+    expected = np.sqrt((rounds / (rounds - 1) * deviations / delivered.sum(axis=0)[lit] ** 2).mean())
+    print(f"{rounds} rounds: estimate {estimate:.5f}, all at once {expected:.5f}")
+    assert rounds == renderer.plan.batch_count > 4
+    assert estimate == pytest.approx(expected, rel=0.03)
 
 
 def test_nothing_uncertain_is_no_error(device):

@@ -20,10 +20,8 @@ SETTLE_RADIUS_PX = 3
 STATE_MIXED, STATE_LIT, STATE_DARK, STATE_BACKGROUND = 1, 2, 4, 8
 """What a pass has found of a pixel or a tile so far: something between, always lit, never lit, always background."""
 SETTLED_DEFINES = {"STATE_LIT": STATE_LIT, "STATE_DARK": STATE_DARK, "STATE_BACKGROUND": STATE_BACKGROUND}
-SUMS_TEXTURES = {
-    "moments": Sampled("sampler2D", "sums over rounds of shadowed s, delivered d, s^2, s d"),
-    "coverage": Sampled("sampler2D", "sums over rounds of d^2 and of surface samples"),
-}
+ROUND_SUMS_TEXT = "sums over rounds: shadowed s, delivered d, squared deviations of s from the ratio so far, surface samples"
+SUMS_TEXTURES = {"round_sums": Sampled("sampler2D", ROUND_SUMS_TEXT)}
 
 PASS_ERROR = ComputeDeclaration(
     name="pass_error",
@@ -75,7 +73,7 @@ class PassAccumulator:
         self._repeats = np.ones((1, rows, columns))
         """how many rounds each round in a tile's sums stands for, once each of this batch's is through"""
         with Owned() as owned:
-            self.moments, self.coverage = owned.own(device.upload_texture(zeros)), owned.own(device.upload_texture(zeros))
+            self.round_sums = owned.own(device.upload_texture(zeros))
             self.disagreeing = owned.own(device.create_texture(columns, rows, TextureFormat.R32UI))
             """set by probes for settled tiles that are not what they were"""
             self._owned = owned.pop_all()
@@ -113,8 +111,7 @@ class PassAccumulator:
             tile_states = temporary.own(self.device.create_texture(columns, rows, TextureFormat.R32UI))
             self.device.compute_kernel(PASS_STATES).dispatch_grid(
                 (self.width, self.height),
-                moments=self.moments,
-                coverage=self.coverage,
+                round_sums=self.round_sums,
                 positions=positions,
                 normals=normals,
                 states=states,
@@ -153,8 +150,7 @@ class PassAccumulator:
             sums_texture = temporary.own(self.device.create_texture(*tiles, TextureFormat.RGBA32F))
             self.device.compute_kernel(PASS_ERROR).dispatch_grid(
                 tiles,
-                moments=self.moments,
-                coverage=self.coverage,
+                round_sums=self.round_sums,
                 tile_sums=sums_texture,
                 width=self.width,
                 height=self.height,
@@ -166,11 +162,10 @@ class PassAccumulator:
 
     def read(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(height, width) float32 each: shadowed, delivered (per round), and the share of eye samples that saw a surface"""
-        moments = self.device.read(self.moments)
-        surfaces = self.device.read(self.coverage)[..., 1]
+        sums = self.device.read(self.round_sums)
         tile_rounds = np.where(self.looked_up, max(self.round_count, 1), max(self.settled_round_count, 1))
         rounds = spread_to_pixels(tile_rounds, self.width, self.height).astype(np.float32)
-        return moments[..., 0] / rounds, moments[..., 1] / rounds, surfaces / rounds
+        return sums[..., 0] / rounds, sums[..., 1] / rounds, sums[..., 3] / rounds
 
     def release(self) -> None:
         self._owned.close()

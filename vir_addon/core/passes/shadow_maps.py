@@ -16,7 +16,7 @@ from ...device.interface import Device, RenderTarget, Texture, TextureFormat
 from ...device.owned import Owned
 from ..scene import Light
 from ..views import FaceViews, light_axes
-from .accumulate import SETTLED_DEFINES
+from .accumulate import ROUND_SUMS_TEXT, SETTLED_DEFINES
 from .opacity_maps import of_cut_outs
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, WORK_GROUP_SIZE
 from .tiles import PROBES_FLAG, SIZE_CONSTANTS, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES
@@ -441,8 +441,7 @@ RESOLVE = ComputeDeclaration(
         **TILE_TEXTURES,
     },
     images={
-        "moments": Stored("RGBA32F", "read_write", "sums over rounds of shadowed s, delivered d, s^2, s d"),
-        "coverage": Stored("RGBA32F", "read_write", "sums over rounds of d^2 and of surface samples"),
+        "round_sums": Stored("RGBA32F", "read_write", ROUND_SUMS_TEXT),
         "batch_sums": Stored("RGBA32F", "read_write", "s and d of the faces of this round so far"),
         "disagreeing": Stored("R32UI", "write", "with PROBES: 1 for tiles of which a pixel is not as all of them were before"),
     },
