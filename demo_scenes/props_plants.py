@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .shapes import Shape, ellipsoid, joined, lathe, mm, sheet, spline, tube, unit
+from .shapes import Shape, ellipsoid, frames_facing, joined, lathe, mm, sheet, spline, tube, unit
 from .stage import Stage
 
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
@@ -90,12 +90,6 @@ def _grow(rng: np.random.Generator, path: np.ndarray, radius: float, depth: int,
         _grow(rng, _limb(rng, path[i], heading, length, 2.0, 0.05), radius * (1.0 - 0.6 * along[i]) * 0.55, depth - 1, limbs)
 
 
-def _frame(forward: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Columns x = forward, z = as near to up as can be."""
-    side = unit(np.cross(up, forward))
-    return np.stack([forward, side, np.cross(forward, side)], axis=-1)
-
-
 def _foliage(rng: np.random.Generator, limbs: list) -> tuple[list, list]:
     """(point, frame, scale) of leaves and of blossoms along the younger limbs."""
     leaves, blossoms = [], []
@@ -107,11 +101,13 @@ def _foliage(rng: np.random.Generator, limbs: list) -> tuple[list, list]:
             out = np.cos(spin) * side + np.sin(spin) * np.cross(tangents[i], side)
             if rng.random() < 0.33:
                 facing = unit(out + 0.25 * tangents[i] + rng.normal(size=3) * 0.25 + (0, -0.15, 0.1))
-                blossoms.append((path[i] + out * radii[i] * 0.6, _frame(unit(np.cross(facing, side + 0.3)), facing), rng.uniform(1.0, 1.5)))
+                blossoms.append(
+                    (path[i] + out * radii[i] * 0.6, frames_facing(unit(np.cross(facing, side + 0.3)), facing), rng.uniform(1.0, 1.5))
+                )
             elif rng.random() < 0.72:
                 forward = unit(out + 0.7 * tangents[i] + rng.normal(size=3) * 0.15)
                 up = unit(np.array([0.0, -0.15, 1.0]) + rng.normal(size=3) * 0.35)
-                leaves.append((path[i] + out * radii[i] * 0.6, _frame(forward, up), rng.uniform(0.75, 1.3)))
+                leaves.append((path[i] + out * radii[i] * 0.6, frames_facing(forward, up), rng.uniform(0.75, 1.3)))
     return leaves, blossoms
 
 
@@ -145,5 +141,5 @@ def add_fallen_petals(stage: Stage, centre: tuple[float, float, float], spread_m
     for _ in range(count):
         angle = rng.uniform(0, 2 * np.pi)
         up = unit(np.array([0, 0, 1.0]) + rng.normal(size=3) * 0.12)
-        frames.append(_frame(unit(np.cross(up, [np.cos(angle), np.sin(angle), 0.0])), up))
+        frames.append(frames_facing(unit(np.cross(up, [np.cos(angle), np.sin(angle), 0.0])), up))
     stage.scatter("Fallen Petals", stage.prototype("Petal", [(petal(), "petal")]), points, np.array(frames), rng.uniform(0.8, 1.3, count))

@@ -38,6 +38,13 @@ def joined(shapes: list[Shape]) -> Shape:
     )
 
 
+def repeated(shape: Shape, places: np.ndarray, frames: np.ndarray, scales: np.ndarray) -> Shape:
+    """One shape of many copies. places: (n, 3); frames: (n, 3, 3), a copy's axes as columns; scales: (n,)"""
+    points = np.einsum("nij,pj->npi", frames * scales[:, None, None], shape.points) + places[:, None]
+    starts = len(shape.points) * np.arange(len(places))[:, None, None]
+    return Shape(points.reshape(-1, 3), (shape.quads + starts).reshape(-1, 4), (shape.triangles + starts).reshape(-1, 3))
+
+
 def welded(shape: Shape) -> Shape:
     """Points of one place (to a hundredth of a millimetre) become one point."""
     _, first, index = np.unique(np.round(shape.points, 5), axis=0, return_index=True, return_inverse=True)
@@ -58,6 +65,12 @@ def rotation_about(axis: str, angle: float) -> np.ndarray:
 def mm(text: str) -> np.ndarray:
     """Points written compactly: "45 0, 50 6" is (0.045, 0) and (0.05, 0.006)."""
     return np.array([[float(word) for word in point.split()] for point in text.split(",")]) / 1000.0
+
+
+def frames_facing(forward: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) columns x = forward, z = as near to up as can be; unit vectors"""
+    side = unit(np.cross(up, forward))
+    return np.stack([forward, side, np.cross(forward, side)], axis=-1)
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:

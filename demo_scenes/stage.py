@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 
 import bpy
 import numpy as np
-from mathutils import Matrix
+from mathutils import Matrix, Vector
 
 from .shapes import Shape, joined
 
@@ -17,10 +18,11 @@ Vec3 = Sequence[float]
 class Stage:
     """Where props are put. `palette` maps a material's name to (base colour, roughness, metallic)."""
 
-    def __init__(self, scene: bpy.types.Scene, palette: Mapping[str, tuple[Vec3, float, float]]) -> None:
+    def __init__(self, scene: bpy.types.Scene, palette: Mapping[str, tuple[Vec3, float, float]], name: str) -> None:
+        """name: of the collection of what is seen"""
         self.scene = scene
         self.palette = palette
-        self.collection = bpy.data.collections.new("Still Life")
+        self.collection = bpy.data.collections.new(name)
         scene.collection.children.link(self.collection)
         self.prototypes = bpy.data.collections.new("Prototypes")
         self.prototypes.hide_render = self.prototypes.hide_viewport = True
@@ -43,8 +45,7 @@ class Stage:
 
     def _mesh(self, name: str, parts: list[Part], sharp_deg: float) -> bpy.types.Mesh:
         mesh = bpy.data.meshes.new(name)
-        shape = joined([part for part, _ in parts])
-        mesh.from_pydata(shape.points, [], shape.quads.tolist() + shape.triangles.tolist())
+        _fill_mesh(mesh, joined([part for part, _ in parts]))
         names = list(dict.fromkeys(material for _, material in parts))
         for material in names:
             mesh.materials.append(self.material(material))
@@ -123,6 +124,64 @@ class Stage:
         thing = self.place(name, mesh)
         thing.modifiers.new("Scatter", "NODES").node_group = _scatter_nodes(name, prototype)
         return thing
+
+    def area_light(
+        self,
+        name: str,
+        shape: str,
+        size_m: tuple[float, float],
+        power_w: float,
+        colour: Vec3,
+        place: Vec3,
+        target: Vec3,
+        spread_deg: float = 180.0,
+    ) -> bpy.types.Object:
+        light = bpy.data.lights.new(name, "AREA")
+        light.shape, light.size, light.size_y = shape, *size_m
+        light.energy, light.color, light.spread = power_w, colour, np.radians(spread_deg)
+        return aimed(self.place(name, light, place), target)
+
+    def point_light(self, name: str, radius_m: float, power_w: float, colour: Vec3, place: Vec3) -> bpy.types.Object:
+        light = bpy.data.lights.new(name, "POINT")
+        light.shadow_soft_size, light.energy, light.color = radius_m, power_w, colour
+        return self.place(name, light, place)
+
+    def camera(self, lens_mm: float, place: Vec3, target: Vec3, clip_m: tuple[float, float] = (0.1, 50.0)) -> bpy.types.Object:
+        """On a sensor of 36 mm; becomes the scene's camera."""
+        data = bpy.data.cameras.new("Camera")
+        data.lens, data.sensor_width = lens_mm, 36.0
+        data.clip_start, data.clip_end = clip_m
+        self.scene.camera = aimed(self.place("Camera", data, place), target)
+        return self.scene.camera
+
+
+def aimed(thing: bpy.types.Object, target: Vec3) -> bpy.types.Object:
+    """Turned so that its -z axis points at `target`."""
+    thing.rotation_euler = (Vector(target) - thing.location).to_track_quat("-Z", "Y").to_euler()
+    return thing
+
+
+def _fill_mesh(mesh: bpy.types.Mesh, shape: Shape) -> None:
+    """Quads first, then triangles. From arrays, as lists of a million faces take Blender half a minute."""
+    corner_counts = np.repeat([4, 3], [len(shape.quads), len(shape.triangles)])
+    mesh.vertices.add(len(shape.points))
+    mesh.vertices.foreach_set("co", np.ascontiguousarray(shape.points, np.float32).ravel())
+    mesh.loops.add(int(corner_counts.sum()))
+    mesh.loops.foreach_set("vertex_index", np.concatenate([shape.quads.ravel(), shape.triangles.ravel()]).astype(np.int32))
+    mesh.polygons.add(len(corner_counts))
+    mesh.polygons.foreach_set("loop_start", (np.cumsum(corner_counts) - corner_counts).astype(np.int32))
+    mesh.update(calc_edges=True)
+
+
+def save_scene(build: Callable[[bpy.types.Scene], None], usage: str | None, arguments: list[str]) -> int:
+    """The command `python -m demo_scenes.NAME OUT.blend`; returns its exit status."""
+    if len(arguments) != 1:
+        print(usage, file=sys.stderr)
+        return 2
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    build(bpy.context.scene)
+    bpy.ops.wm.save_as_mainfile(filepath=arguments[0], check_existing=False, compress=True)
+    return 0
 
 
 def _scatter_nodes(name: str, prototype: bpy.types.Object) -> bpy.types.NodeTree:

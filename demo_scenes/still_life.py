@@ -11,56 +11,22 @@ import sys
 
 import bpy
 import numpy as np
-from mathutils import Vector
 
 from . import props_fruit, props_plants, props_room, props_table
 from .palette import PALETTE
 from .props_table import TOP_Z
-from .stage import Stage
+from .stage import Stage, save_scene
 
 BRANCHES = [(0.6, -0.1, 1.0, 0.52), (-0.5, -0.25, 1.0, 0.50), (0.1, 0.1, 1.0, 0.40), (-1.0, 0.0, 0.5, 0.40), (1.0, -0.25, 0.42, 0.44)]
 """Heading (x, y, z) and length of the branches in the vase."""
 
 
-def _aim(thing: bpy.types.Object, target: tuple[float, float, float]) -> None:
-    thing.rotation_euler = (Vector(target) - thing.location).to_track_quat("-Z", "Y").to_euler()
-
-
-def _light(
-    stage: Stage,
-    name: str,
-    shape: str,
-    size_m: tuple[float, float],
-    power_w: float,
-    colour: tuple,
-    place: tuple,
-    target: tuple,
-    spread_deg: float = 180.0,
-) -> None:
-    light = bpy.data.lights.new(name, "AREA")
-    light.shape, light.size, light.size_y = shape, *size_m
-    light.energy, light.color, light.spread = power_w, colour, np.radians(spread_deg)
-    thing = bpy.data.objects.new(name, light)
-    thing.location = place
-    _aim(thing, target)
-    stage.collection.objects.link(thing)
-
-
 def add_lights(stage: Stage) -> None:
-    _light(stage, "Key", "SQUARE", (0.0625, 0.0625), 620.0, (1.0, 0.85, 0.64), (-3.75, -3.0, 3.0), (0.0, 0.1, 0.9))
-    _light(stage, "Window", "RECTANGLE", (2.0, 1.25), 24.0, (0.70, 0.84, 1.0), (-1.4375, -0.75, 1.5), (-0.4375, -0.75, 1.5))
-    _light(stage, "Lamp", "DISK", (0.1875, 0.1875), 9.0, (1.0, 0.70, 0.40), (0.46875, 0.03125, 1.421875), (0.46875, 0.03125, 0.75), 130.0)
-
-
-def add_camera(stage: Stage) -> None:
-    data = bpy.data.cameras.new("Camera")
-    data.lens, data.sensor_width = 48.0, 36.0
-    data.clip_start, data.clip_end = 0.1, 50.0
-    camera = bpy.data.objects.new("Camera", data)
-    camera.location = (0.5, -2.625, 1.40625)
-    _aim(camera, (0.03125, 0.0, 0.984375))
-    stage.collection.objects.link(camera)
-    stage.scene.camera = camera
+    stage.area_light("Key", "SQUARE", (0.0625, 0.0625), 620.0, (1.0, 0.85, 0.64), (-3.75, -3.0, 3.0), (0.0, 0.1, 0.9))
+    stage.area_light("Window", "RECTANGLE", (2.0, 1.25), 24.0, (0.70, 0.84, 1.0), (-1.4375, -0.75, 1.5), (-0.4375, -0.75, 1.5))
+    stage.area_light(
+        "Lamp", "DISK", (0.1875, 0.1875), 9.0, (1.0, 0.70, 0.40), (0.46875, 0.03125, 1.421875), (0.46875, 0.03125, 0.75), 130.0
+    )
 
 
 def add_props(stage: Stage) -> None:
@@ -122,22 +88,12 @@ def set_up_render(scene: bpy.types.Scene) -> None:
 
 def build(scene: bpy.types.Scene) -> None:
     """Fill an empty scene."""
-    stage = Stage(scene, PALETTE)
+    stage = Stage(scene, PALETTE, "Still Life")
     set_up_render(scene)
     add_props(stage)
     add_lights(stage)
-    add_camera(stage)
-
-
-def main(arguments: list[str]) -> int:
-    if len(arguments) != 1:
-        print(__doc__, file=sys.stderr)
-        return 2
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    build(bpy.context.scene)
-    bpy.ops.wm.save_as_mainfile(filepath=arguments[0], check_existing=False, compress=True)
-    return 0
+    stage.camera(48.0, (0.5, -2.625, 1.40625), (0.03125, 0.0, 0.984375))
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(save_scene(build, __doc__, sys.argv[1:]))
