@@ -4,17 +4,20 @@ PYTHON := .venv/bin/python
 PYTHON_LTS := .venv-lts/bin/python
 DEMO_BLEND := out/still_life.blend
 DEMO_PASSES := out/passes
+# e.g. BENCH_OPTIONS="--model dragon.ply.gz --rounds 3"
+BENCH_OPTIONS ?=
 # What both Blenders must do; tests/lts adds what only 4.5 does.
 LTS_TESTS := tests/lts tests/blender tests/core/test_exr.py tests/test_registration.py tests/test_extension.py
 
-.PHONY: help setup setup-lts demo test test-all test-lts bench check extension clean
+.PHONY: help setup setup-lts demo test test-all test-lts bench bench-peers check extension clean
 
 help:
 	@echo "make setup      .venv with everything; a second time it takes a second"
 	@echo "make demo       render the demo scene's passes into $(DEMO_PASSES)"
 	@echo "make test       the tests that take seconds each"
 	@echo "make test-all   all tests, and the Blender 4.5 LTS job"
-	@echo "make bench      time it against rasterizing every view and against Cycles"
+	@echo "make bench      time its methods against rasterizing every view, and how times grow"
+	@echo "make bench-peers  error against time: Cycles, Cycles denoised, EEVEE"
 	@echo "make check      lint, format, types, composition of every shader"
 	@echo "make extension  the zip for Blender, into dist/"
 
@@ -47,7 +50,10 @@ test-lts: setup-lts
 	$(PYTHON_LTS) -m pytest -m "not slow and not bench" $(LTS_TESTS)
 
 bench: setup
-	$(PYTHON) -m tests.benchmarks
+	$(PYTHON) -m tests.benchmarks $(BENCH_OPTIONS)
+
+bench-peers: setup
+	$(PYTHON) -m tests.benchmarks --peers $(BENCH_OPTIONS)
 
 check: setup
 	$(PYTHON) -m ruff check .

@@ -1,17 +1,17 @@
-"""python -m tests.benchmarks [--quick] [--only NAME] [--rounds N] [--cycles-rounds N] [--output FOLDER] [--device NAME]
+"""python -m tests.benchmarks [--quick] [--only NAME] [--rounds N] [--model FILE] [--output FOLDER] [--device NAME]
 
-Prints tables and writes them as bench.json and bench.md. Run it on a machine that does nothing else: only ratios within one run mean
-anything.
+Prints tables and puts them into bench.json and bench.md, beside those of other benches that are there. Run it on a machine that does
+nothing else: only ratios within one run mean anything.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 import os
 import platform
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +21,32 @@ from rich.console import Console
 from vir_addon import __version__
 from vir_addon.device.open import DEVICE_NAMES, open_device
 
+from . import adaptive, depth_maps, growth, hybrid_threshold, memory, peers, speed, whole_render
 from .options import Options
+from .tables import BenchTable
 
 LOG_WIDTH = 160
 """characters of a line where there is no terminal to ask"""
-BENCHMARKS = ("depth_maps", "hybrid_threshold", "whole_render", "memory", "accuracy")
+Run = Callable[[Options], list[BenchTable]]
+BENCHMARKS: dict[str, Run] = {
+    "closed_surface": speed.closed_surface,
+    "model": speed.model,
+    "colonnade": speed.colonnade,
+    "furnished_room": speed.furnished_room,
+    "forest": speed.forest,
+    "adaptive": adaptive.run,
+    "growth_views": growth.views,
+    "growth_triangles": growth.triangles,
+    "growth_map_size": growth.map_size,
+    "growth_pixels": growth.pixels,
+    "depth_maps": depth_maps.run,
+    "hybrid_threshold": hybrid_threshold.run,
+    "whole_render": whole_render.run,
+    "memory": memory.run,
+}
+PEERS: dict[str, Run] = {"peers_head": peers.head, "peers_colonnade": peers.hall, "peers_model": peers.model}
+"""what `--peers` runs: `make bench-peers`"""
+NAMES = [*BENCHMARKS, *PEERS]
 
 
 def parse_options() -> tuple[Options, list[str]]:
@@ -33,17 +54,15 @@ def parse_options() -> tuple[Options, list[str]]:
         prog="python -m tests.benchmarks", description="Time VIR against rasterizing every view and against Cycles."
     )
     parser.add_argument("--quick", action="store_true", help="small sizes, to see that it works; the figures mean nothing")
-    parser.add_argument(
-        "--only", action="append", choices=BENCHMARKS, metavar="NAME", help=f"one of {', '.join(BENCHMARKS)}; may be repeated"
-    )
-    parser.add_argument("--rounds", type=int, help="of depth_maps; default 5, quick 2")
-    parser.add_argument("--cycles-rounds", type=int, help="of whole_render; default 3, quick 1")
+    parser.add_argument("--only", action="append", choices=NAMES, metavar="NAME", help=f"one of {', '.join(NAMES)}; may be repeated")
+    parser.add_argument("--rounds", type=int, help="in which all take turns; default: what the bench thinks fit, most often 5")
+    parser.add_argument("--model", type=Path, help="a model or .blend file for `model` and `peers`, instead of a scene of their own")
     parser.add_argument("--output", type=Path, default=Path("out/bench"))
     parser.add_argument("--device", choices=DEVICE_NAMES, default=DEVICE_NAMES[0])
+    parser.add_argument("--peers", action="store_true", help="everything against Cycles and EEVEE instead of everything else")
     given = parser.parse_args()
-    rounds = given.rounds or (2 if given.quick else 5)
-    cycles_rounds = given.cycles_rounds or (1 if given.quick else 3)
-    return Options(given.output, given.device, given.quick, rounds, cycles_rounds), given.only or list(BENCHMARKS)
+    options = Options(given.output, given.device, given.quick, given.rounds, given.model)
+    return options, given.only or list(PEERS if given.peers else BENCHMARKS)
 
 
 def machine(device_name: str) -> dict[str, Any]:
@@ -60,27 +79,38 @@ def machine(device_name: str) -> dict[str, Any]:
     }
 
 
+def known_record(path: Path) -> dict[str, Any]:
+    """What earlier runs into the same folder left: benches that take long are run one by one."""
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+
+
+def write_record(folder: Path, record: dict[str, Any]) -> None:
+    (folder / "bench.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    texts = [text for entry in record.values() for text in (entry["measured_with"], "", *(table["markdown"] for table in entry["tables"]))]
+    (folder / "bench.md").write_text("\n".join(texts), encoding="utf-8")
+
+
 def main() -> None:
     options, names = parse_options()
     options.output.mkdir(parents=True, exist_ok=True)
     console = Console()
     if not console.is_terminal:
         console = Console(width=LOG_WIDTH)
-    record: dict[str, Any] = {"machine": machine(options.device_name), "is_quick": options.is_quick, "benchmarks": {}}
-    facts = ", ".join(f"{key} {value}" for key, value in record["machine"].items())
-    console.print(facts, highlight=False)
-    markdown = [f"Measured with {facts}." + (" Quick sizes: the figures mean nothing." if options.is_quick else ""), ""]
+    record = known_record(options.output / "bench.json")
     for name in names:
+        facts = machine(options.device_name)
+        measured_with = f"Measured with {', '.join(f'{key} {value}' for key, value in facts.items())}."
+        if options.is_quick:
+            measured_with += " Quick sizes: the figures mean nothing."
+        console.print(f"{name}: {measured_with}", highlight=False)
         start_s = time.perf_counter()
-        tables = importlib.import_module(f".{name}", __package__).run(options)
+        tables = (BENCHMARKS | PEERS)[name](options)
         for table in tables:
             console.print(table.to_rich())
-            markdown.append(table.to_markdown())
         console.print(f"{name} took {time.perf_counter() - start_s:.0f} s\n", highlight=False)
-        record["benchmarks"][name] = [table.to_data() for table in tables]
         # after every one: a run that is stopped keeps what it has
-        (options.output / "bench.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-        (options.output / "bench.md").write_text("\n".join(markdown), encoding="utf-8")
+        record[name] = {"measured_with": measured_with, "machine": facts, "tables": [table.to_data() for table in tables]}
+        write_record(options.output, record)
     console.print(f"wrote {options.output / 'bench.json'} and bench.md", highlight=False)
 
 

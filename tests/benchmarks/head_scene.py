@@ -21,13 +21,22 @@ def build_head_scene(subdivision_level: int) -> bpy.types.Scene:
         polygon.use_smooth = True
     bpy.ops.mesh.primitive_plane_add(size=20)
 
+    add_key(scene)
+    add_camera(scene)
+    return scene
+
+
+def add_key(scene: bpy.types.Scene) -> None:
+    """A square light of 1 m over something of 2 m that stands at the origin."""
     light = bpy.data.lights.new("Key", "AREA")
     light.shape, light.size, light.energy = "SQUARE", 1.0, 500.0
     _place(scene, bpy.data.objects.new("Key", light), eye=(2, -2, 4), target=(0, 0, 0.8))
+
+
+def add_camera(scene: bpy.types.Scene) -> None:
     camera = bpy.data.cameras.new("Camera")
     camera.lens = 50
     scene.camera = _place(scene, bpy.data.objects.new("Camera", camera), eye=(0.5, -7, 3), target=(-0.3, 0, 0.6))
-    return scene
 
 
 def _place(scene: bpy.types.Scene, placed: bpy.types.Object, eye: tuple, target: tuple) -> bpy.types.Object:

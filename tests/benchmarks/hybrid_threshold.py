@@ -9,13 +9,12 @@ from __future__ import annotations
 import statistics
 from typing import Any
 
-from vir_addon.core.plan import PlannedPass
-from vir_addon.core.settings import Method, PointStorage, Settings
+from vir_addon.core.settings import Method, Settings
 from vir_addon.device.interface import Device
 from vir_addon.device.open import open_device
 
 from .bumpy_sphere import sphere_snapshot
-from .depth_maps import Bench, Variant
+from .light_maps import LightMaps, Variant, planned_variant, prepared_count
 from .options import Options
 from .tables import BenchTable, Column
 from .timing import take_turns
@@ -26,20 +25,20 @@ THRESHOLDS = (0, 2, 4, 6, 8, 12, 16, 32)
 def measure(triangle_count: int, options: Options, device: Device) -> dict[str, Any]:
     view_count, resolution_px = options.pick(64, 16), options.pick(1024, 256)
     snapshot = sphere_snapshot(triangle_count, *options.pick((960, 540), (240, 135)), has_floor=False)
-    bench = Bench(snapshot, device, view_count, resolution_px)
-    planned = PlannedPass("", "", True, "", Method.HYBRID, PointStorage.BUFFERED, view_count, resolution_px)
-    every_point = Variant("ivir", PlannedPass("", "", True, "", Method.IVIR, PointStorage.BUFFERED, view_count, resolution_px), Settings())
-    counts, _ = bench.inspect(every_point)
-    variants = {
-        str(threshold): Variant("", planned, Settings(view_count=view_count, small_triangle_points=threshold)) for threshold in THRESHOLDS
-    }
-    for variant in variants.values():
-        bench.inspect(variant)
-    timings = take_turns({name: lambda v=variant: bench.time(v) for name, variant in variants.items()}, options.rounds)
-    bench.release()
+    maps = LightMaps(snapshot, device)
+
+    def variant(method: Method, **choices: int) -> Variant:
+        settings = Settings(method, view_count=view_count, map_resolution_px=resolution_px, **choices)
+        return planned_variant(snapshot, settings, device)
+
+    points = prepared_count(maps.time(variant(Method.IVIR)).counts)
+    variants = {str(threshold): variant(Method.HYBRID, small_triangle_points=threshold) for threshold in THRESHOLDS}
+    maps.time(variants[str(THRESHOLDS[-1])])  # compiles
+    timings = take_turns({name: lambda v=variant: maps.time(v) for name, variant in variants.items()}, options.round_count())
+    maps.release()
     medians = {name: statistics.median(timing.total_ms for timing in rounds) for name, rounds in timings.items()}
     facing = triangle_count / 2
-    return {"triangles": triangle_count, "points_each": counts["prepared"] / facing, **medians}
+    return {"triangles": triangle_count, "points_each": points / facing, **medians}
 
 
 def run(options: Options) -> list[BenchTable]:

@@ -46,4 +46,4 @@ class BenchTable:
         return "\n".join([f"### {self.title}", "", self.compared, "", head, rule, *rows, ""])
 
     def to_data(self) -> dict[str, Any]:
-        return {"title": self.title, "compared": self.compared, "rows": self.rows}
+        return {"title": self.title, "compared": self.compared, "markdown": self.to_markdown(), "rows": self.rows}

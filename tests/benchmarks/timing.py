@@ -7,11 +7,8 @@ far less than the ratio of two medians.
 from __future__ import annotations
 
 import statistics
-import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
-
-from vir_addon.device.interface import Device
 
 Result = TypeVar("Result")
 
@@ -31,12 +28,3 @@ def median_ratio(numerators: Sequence[float], denominators: Sequence[float]) -> 
 
 def round_ratios(numerators: Sequence[float], denominators: Sequence[float]) -> list[float]:
     return [a / b for a, b in zip(numerators, denominators, strict=True)]
-
-
-def device_ms(device: Device, work: Callable[[], object]) -> float:
-    """Milliseconds until all that `work` submitted is done."""
-    device.finish()
-    start_s = time.perf_counter()
-    work()
-    device.finish()
-    return (time.perf_counter() - start_s) * 1e3

@@ -57,6 +57,7 @@ def render_cycles_once(scene: bpy.types.Scene, samples: int) -> dict[str, Any]:
 
 
 def run(options: Options) -> list[BenchTable]:
+    round_count = options.round_count(full=3, quick=1)
     sample_count, resolution = options.pick(64, 8), options.pick((960, 540), (240, 135))
     scene = build_head_scene(options.pick(MILLION_TRIANGLES_LEVEL, 3))
     cycles.prepare(scene, resolution)
@@ -65,7 +66,7 @@ def run(options: Options) -> list[BenchTable]:
         methods = [method for method in Method if method is not Method.VWSS or device.stores_from_fragments]
         jobs = {method.value: lambda m=method: render_once(scene, m, sample_count, resolution, device) for method in methods}
         first = {name: job() for name, job in jobs.items()}
-        results = take_turns({**jobs, CYCLES: lambda: render_cycles_once(scene, sample_count)}, options.cycles_rounds)
+        results = take_turns({**jobs, CYCLES: lambda: render_cycles_once(scene, sample_count)}, round_count)
     finally:
         device.close()
     cycles_ms = [result["total_ms"] for result in results[CYCLES]]
@@ -89,7 +90,7 @@ def run(options: Options) -> list[BenchTable]:
         BenchTable(
             title=f"Whole render of a head of {triangles:,} triangles on a floor, {resolution[0]} x {resolution[1]}, {sample_count} views",
             compared=(
-                f"Milliseconds, medians of {options.cycles_rounds} rounds in which all take turns in one process. VIR: from the open "
+                f"Milliseconds, medians of {round_count} rounds in which all take turns in one process. VIR: from the open "
                 "scene to the written EXR; 'first' is its first render, which also compiles shaders. Cycles: `render.render` on the CPU "
                 "with as many samples as VIR has views, the same scene and size, white diffuse, direct light with shadows, no bounces, no "
                 "denoising; its picture is the light's contribution with noise, not a ratio."

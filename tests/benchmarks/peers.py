@@ -1,0 +1,259 @@
+"""Equal error and equal work against what Blender has: Cycles, Cycles denoised, EEVEE, all in one process; error against time.
+
+Everybody renders the same white scene with one light and the same pixel filter; errors are those of the shadow ratio, over the same pixels,
+against Cycles with many samples.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from demo_scenes import colonnade, furnished_room
+from tests import cycles
+from vir_addon.blender.job import frame_jobs
+from vir_addon.blender.job import run as run_job
+from vir_addon.core.pass_set import shadow_pass_name
+from vir_addon.core.plan import AUTO_METHODS
+from vir_addon.core.settings import Method, Settings
+from vir_addon.device.interface import Device
+from vir_addon.device.open import open_device
+
+from .head_scene import MILLION_TRIANGLES_LEVEL, build_head_scene
+from .model_scene import open_model
+from .options import Options
+from .tables import BenchTable, Column
+
+CYCLES, DENOISED, EEVEE = "Cycles", "Cycles, denoised", "EEVEE"
+ASKED_RMSE = 0.03
+EEVEE_ENGINES = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT")
+"""since 5.0, and in 4.5"""
+Row = dict[str, Any]
+
+
+def timed(work: Callable[[], np.ndarray]) -> tuple[np.ndarray, float, float]:
+    """The picture, seconds waited and seconds of all processors."""
+    start_s, start_cpu_s = time.perf_counter(), time.process_time()
+    image = work()
+    return image, time.perf_counter() - start_s, time.process_time() - start_cpu_s
+
+
+class Contest:
+    """One scene, its reference and everybody's measurements."""
+
+    def __init__(self, scene: bpy.types.Scene, resolution: tuple[int, int], reference_samples: int) -> None:
+        self.scene, self.resolution = scene, resolution
+        lights = [thing for thing in scene.objects if thing.type == "LIGHT" and not thing.hide_render]
+        self.light = max(lights, key=lambda thing: (thing.data.energy, thing.name))
+        for thing in lights:
+            thing.hide_render = thing is not self.light
+        cycles.prepare(scene, resolution)
+        self.reference = cycles.CyclesReference(scene, reference_samples)
+        self.rows: list[Row] = []
+        self.notes: list[str] = []
+
+    def add(self, renderer: str, count: int, work: Callable[[], np.ndarray]) -> None:
+        ratio, seconds, cpu_seconds = timed(work)
+        errors = self.reference.errors(ratio)
+        self.rows.append({"renderer": renderer, "count": count, "seconds": seconds, "cpu_seconds": cpu_seconds, **errors})
+
+    def measure_vir(self, view_counts: tuple[int, ...], device: Device) -> None:
+        def render(method: Method, views: int) -> np.ndarray:
+            settings = Settings(method=method, view_count=views, light_names=(self.light.name,))
+            (job,) = frame_jobs(self.scene, self.scene.frame_current, settings, self.resolution).values()
+            return run_job(job, device).images[shadow_pass_name(self.light.name)]
+
+        for method in AUTO_METHODS:
+            render(method, view_counts[0])  # compiles; its time is not what the curve is about
+            for views in view_counts:
+                self.add(f"VIR {method.value}", views, lambda m=method, v=views: render(m, v))
+
+    def measure_cycles(self, sample_counts: tuple[int, ...]) -> None:
+        for name in (CYCLES, DENOISED):
+            self.scene.cycles.use_denoising = name == DENOISED
+            for samples in sample_counts:
+                self.add(name, samples, lambda s=samples: self.reference.ratio_of(cycles.render(self.scene, s, seed=4)[0]))
+        self.scene.cycles.use_denoising = False
+
+    def measure_eevee(self, sample_counts: tuple[int, ...]) -> None:
+        """Jittered soft shadows, with the most rays and steps that there are."""
+        engine = self.scene.render.engine
+        try:
+            _choose_eevee(self.scene)
+            self.light.data.use_shadow_jitter = True
+            eevee = self.scene.eevee
+            eevee.shadow_ray_count, eevee.shadow_step_count = 4, 16
+
+            def render(samples: int, *, has_shadows: bool = True) -> np.ndarray:
+                eevee.taa_render_samples = samples
+                self.light.data.use_shadow = has_shadows
+                return cycles.render(self.scene, samples)[0]
+
+            render(1)  # compiles
+            unshadowed = render(max(sample_counts), has_shadows=False)
+            if not unshadowed[self.reference.judged].any():
+                raise RuntimeError("its picture is black")
+            for samples in sample_counts:
+                self.add(EEVEE, samples, lambda s=samples: np.clip(render(s) / np.maximum(unshadowed, 1e-12), 0, 1))
+        except (RuntimeError, TypeError) as error:
+            self.notes.append(f"EEVEE does not render here: {error}")
+        finally:
+            self.light.data.use_shadow = True
+            self.scene.render.engine = engine
+
+
+def _choose_eevee(scene: bpy.types.Scene) -> None:
+    for engine in EEVEE_ENGINES:
+        try:
+            scene.render.engine = engine
+            return
+        except TypeError:
+            continue
+    raise RuntimeError("this Blender has no engine of that name")
+
+
+def seconds_to_reach(rows: list[Row], rmse: float, seconds: str = "seconds") -> float:
+    """When the curve through the measurements first comes down to `rmse`; straight between them in logarithmic axes, infinite
+    if it does not. The first measurement's time if that is good enough already."""
+    ordered = sorted(rows, key=lambda row: row[seconds])
+    for k, row in enumerate(ordered):
+        if row["rmse"] > rmse:
+            continue
+        if k == 0:
+            return row[seconds]
+        before = ordered[k - 1]
+        share = math.log(before["rmse"] / rmse) / math.log(before["rmse"] / max(row["rmse"], 1e-9))
+        return before[seconds] * (row[seconds] / before[seconds]) ** share
+    return math.inf
+
+
+def summary(rows: list[Row]) -> list[Row]:
+    """Renderer by renderer; the fastest of VIR's methods is what the others are compared with."""
+    renderers = {name: [row for row in rows if row["renderer"] == name] for name in dict.fromkeys(row["renderer"] for row in rows)}
+    eevee_best = min((row["rmse"] for row in renderers.get(EEVEE, ())), default=math.nan)
+    eevee_best_row = min(renderers.get(EEVEE, ()), key=lambda row: row["rmse"], default=None)
+    found = []
+    for name, own in renderers.items():
+        found.append(
+            {
+                "renderer": name,
+                "best_rmse": min(row["rmse"] for row in own),
+                "seconds": seconds_to_reach(own, ASKED_RMSE),
+                "cpu_seconds": seconds_to_reach(own, ASKED_RMSE, "cpu_seconds"),
+                "eevee_seconds": seconds_to_reach(own, eevee_best) if name != EEVEE else (eevee_best_row or {}).get("seconds"),
+                "eevee_cpu_seconds": seconds_to_reach(own, eevee_best, "cpu_seconds")
+                if name != EEVEE
+                else (eevee_best_row or {}).get("cpu_seconds"),
+            }
+        )
+    for measure in ("seconds", "cpu_seconds", "eevee_seconds", "eevee_cpu_seconds"):
+        ours = min(row[measure] for row in found if row["renderer"].startswith("VIR"))
+        for row in found:
+            # infinite over infinite says nothing
+            row[f"{measure}_share"] = ours / row[measure] if math.isfinite(ours) and not math.isnan(row[measure]) else None
+    return found
+
+
+def plot(rows: list[Row], title: str, path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")  # no display
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(7, 4.5), layout="constrained")
+    for renderer in dict.fromkeys(row["renderer"] for row in rows):
+        own = [row for row in rows if row["renderer"] == renderer]
+        axes.loglog([row["seconds"] for row in own], [row["rmse"] for row in own], marker="o", label=renderer)
+        for row in own:
+            axes.annotate(str(row["count"]), (row["seconds"], row["rmse"]), textcoords="offset points", xytext=(4, 4), fontsize=7)
+    axes.axhline(ASKED_RMSE, color="gray", linewidth=0.8, linestyle=":")
+    axes.set(title=title, xlabel="seconds", ylabel="RMSE of the shadow ratio")
+    axes.title.set_fontsize(9)
+    axes.grid(which="both", alpha=0.3)
+    axes.legend(fontsize=8)
+    figure.savefig(path, dpi=120)
+    pyplot.close(figure)
+
+
+def run_contest(name: str, scene: bpy.types.Scene, options: Options) -> list[BenchTable]:
+    resolution, reference_samples = options.pick((480, 270), (64, 36)), options.pick(1024, 32)
+    contest = Contest(scene, resolution, reference_samples)
+    device = open_device(options.device_name)
+    try:
+        contest.measure_vir(options.pick((8, 16, 32, 64, 128, 256), (8, 16)), device)
+    finally:
+        device.close()
+    contest.measure_cycles(options.pick((1, 2, 4, 8, 16, 32, 64, 128), (1, 4)))
+    contest.measure_eevee(options.pick((1, 4, 16, 64), (1, 2)))
+    noise = contest.reference.noise
+    title = f"{name}, light {contest.light.name!r}, {resolution[0]} x {resolution[1]}"
+    plot(contest.rows, title, options.output / f"peers_{name.replace(' ', '_')}.png")
+    notes = "".join(f" {note}." for note in contest.notes)
+    table = BenchTable(
+        title=f"Error against time: {title}",
+        compared=(
+            f"RMSE of the shadow ratio against Cycles with {reference_samples} samples, whose own noise is {noise:.4f}, over pixels that "
+            f"receive more than {cycles.DELIVERED_FLOOR:.0%} of what the brightest receive, and over those in a penumbra. Seconds, waited "
+            "and of all processors: VIR from the open scene to the pass with shaders compiled, maps of 1024²; Cycles and EEVEE "
+            "`render.render` of the shadowed picture, to be divided by an unshadowed one that is not counted. White diffuse, no bounces, "
+            "no world; Cycles on the CPU, denoised by OpenImageDenoise with albedo and normals; EEVEE with jittered shadows, 4 rays of 16 "
+            "steps a sample, divided by its own unshadowed picture. Cycles and EEVEE render one light's contribution; VIR makes a pass "
+            f"of it.{notes}"
+        ),
+        columns=(
+            Column("renderer", "renderer"),
+            Column("count", "views or samples"),
+            Column("seconds", "seconds", "{:.2f}"),
+            Column("cpu_seconds", "processors, s", "{:.2f}"),
+            Column("rmse", "RMSE", "{:.4f}"),
+            Column("rmse_penumbra", "in the penumbra", "{:.4f}"),
+        ),
+        rows=contest.rows,
+    )
+    reached = BenchTable(
+        title=f"Time to an RMSE of {ASKED_RMSE}, and to the best that EEVEE reaches: {title}",
+        compared=(
+            "Between measurements the curves are straight in logarithmic axes; 'inf' is out of reach with the samples measured. 'VIR / "
+            "this' is the time of VIR's fastest method over this one's: to 0.03 at most 0.1 of Cycles', 0.2 of denoised Cycles', and to "
+            f"EEVEE's best error at most 0.05 of EEVEE's are asked.{notes}"
+        ),
+        columns=(
+            Column("renderer", "renderer"),
+            Column("best_rmse", "best RMSE", "{:.4f}"),
+            Column("seconds", f"to {ASKED_RMSE}, s", "{:.2f}"),
+            Column("seconds_share", "VIR / this", "{:.2f}"),
+            Column("cpu_seconds", "processors, s", "{:.2f}"),
+            Column("cpu_seconds_share", "VIR / this", "{:.2f}"),
+            Column("eevee_seconds", "to EEVEE's best, s", "{:.2f}"),
+            Column("eevee_seconds_share", "VIR / this", "{:.2f}"),
+            Column("eevee_cpu_seconds", "processors, s", "{:.2f}"),
+            Column("eevee_cpu_seconds_share", "VIR / this", "{:.2f}"),
+        ),
+        rows=summary(contest.rows),
+    )
+    return [table, reached]
+
+
+def head(options: Options) -> list[BenchTable]:
+    return run_contest("head", build_head_scene(options.pick(MILLION_TRIANGLES_LEVEL, 2)), options)
+
+
+def hall(options: Options) -> list[BenchTable]:
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    colonnade.build(bpy.context.scene, **options.pick({}, {"rows": 2, "columns": 3}))
+    return run_contest("colonnade", bpy.context.scene, options)
+
+
+def model(options: Options) -> list[BenchTable]:
+    """The file of `--model`, or the furnished room."""
+    if options.model is not None:
+        return run_contest(options.model.name.partition(".")[0], open_model(options.model), options)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    furnished_room.build(bpy.context.scene, **options.pick({}, {"detail": 12, "tuft_count": 500}))
+    return run_contest("furnished room", bpy.context.scene, options)
