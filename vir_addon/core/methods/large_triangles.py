@@ -19,7 +19,7 @@ BYTES_PER_TRIANGLE = 48
 
 @dataclass(frozen=True)
 class _PlacedTriangles:
-    """Of one list, on the device, sorted by instance."""
+    """Of one list, on the device, instance by instance."""
 
     mesh: DeviceMesh
     instances: np.ndarray
@@ -40,9 +40,21 @@ class _PlacedTriangles:
                 yield Draw(self.mesh, 1, {"first_instance": 0}, bool(cull[start]), triangle_range)
 
 
+def _front_to_back(triangles: np.ndarray, instance: np.ndarray) -> np.ndarray:
+    """(n,) int64 order of drawing in which instances stay together: most of what is hidden is then found so before it is shaded.
+
+    Kernels list triangles in any order, and where two are equally deep the rasterizer keeps the first: the order hangs on the corners
+    alone. triangles: (n, 3, 3) float32 corners, face space
+    """
+    order = np.argsort(_fingerprints(triangles))
+    depth_m, instance = triangles[order, :, 2].sum(axis=1) / 3, instance[order]
+    mean_depth_m = np.bincount(instance, depth_m) / np.maximum(np.bincount(instance), 1)
+    return order[np.lexsort((depth_m, instance, mean_depth_m[instance]))]
+
+
 def _fingerprints(triangles: np.ndarray) -> np.ndarray:
-    """(n,) uint64, the same for the same corners; triangles: (n, 3, 4) float32"""
-    bits = np.ascontiguousarray(triangles[:, :, :3]).view(np.uint32).reshape(-1, 9).astype(np.uint64)
+    """(n,) uint64, the same for the same corners; triangles: (n, 3, 3) float32"""
+    bits = np.ascontiguousarray(triangles).view(np.uint32).reshape(-1, 9).astype(np.uint64)
     return (bits * np.random.default_rng(20220).integers(0, 1 << 64, 9, dtype=np.uint64)).sum(axis=1, dtype=np.uint64)
 
 
@@ -67,12 +79,11 @@ class LargeTriangles:
             part = temporary.own(store.copied(first_texel, texel_count))
             triangles = self.method.device.read(part.texture).reshape(-1, 4)[:texel_count].reshape(count, 3, 4)
         instance = triangles[:, 0, 3].astype(np.int64)
-        # kernels append in any order, and where two triangles are equally deep the rasterizer keeps the first
-        order = np.lexsort((_fingerprints(triangles), instance))
+        order = _front_to_back(triangles[:, :, :3], instance)
         corners = triangles[order][:, :, :3].reshape(-1, 3)
         mesh = self._owned.own(self.method.device.upload_mesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3)))
-        instances, first = np.unique(instance[order], return_index=True)
-        self._lists.append(_PlacedTriangles(mesh, instances, first, np.diff(first, append=count)))
+        first = np.flatnonzero(np.diff(instance[order], prepend=-1))
+        self._lists.append(_PlacedTriangles(mesh, instance[order][first], first, np.diff(first, append=count)))
 
     def rasterize(self, maps: DepthMaps, selected: range, views: np.ndarray) -> None:
         """Draw those of the instances that each view needs.
