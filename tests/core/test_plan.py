@@ -249,3 +249,31 @@ def test_more_views_never_bring_fewer_eye_samples():
     scene = snapshot([floor(4.0), box("box", (0, 0, 0.5), (0.5, 0.5, 0.5))], [area_light()], camera, WIDTH, HEIGHT)
     counts = [plan(scene, Settings(view_count=count)).eye_sample_count for count in (3, 9, 32, 57, 63, 64, 65, 72, 100, 128, 200)]
     assert counts == sorted(counts) and counts[0] == 8 and counts[4:] == [16] * 7
+
+
+def test_what_a_suns_views_cost_does_not_depend_on_where_its_object_stands():
+    camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
+    meshes = [floor(4.0), bumpy_sphere("ball", (0, 0, 1.0), 1.0, 100)]
+    near, far = (
+        planned(snapshot(meshes, [sun_light(eye=(0.0, 0.0, height_m))], camera, WIDTH, HEIGHT), method=Method.IVIR) for height_m in (5, 500)
+    )
+    assert near.predicted_ms == pytest.approx(far.predicted_ms)
+
+
+@pytest.mark.parametrize("method", [Method.IVIR, Method.MICRO])
+def test_what_does_not_fit_into_its_memory_costs_more(method):
+    """It is made again for every batch; rasterizing every view keeps nothing."""
+    camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
+    scene = snapshot([floor(4.0), bumpy_sphere("ball", (0, 0, 1.0), 1.0, 200)], [area_light()], camera, WIDTH, HEIGHT)
+    kept, made_again = (planned(scene, method=method, replay_buffer_mib=mib).predicted_ms for mib in (64, 1))
+    assert made_again > 1.2 * kept
+    ample, scarce = (planned(scene, method=Method.MVR, replay_buffer_mib=mib).predicted_ms for mib in (64, 1))
+    assert scarce == ample
+
+
+def test_culling_triangles_far_below_a_texel_is_predicted():
+    camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
+    scene = snapshot([floor(4.0), bumpy_sphere("ball", (0, 0, 1.0), 1.0, 200)], [area_light()], camera, WIDTH, HEIGHT)
+    choices = {"method": Method.IVIR, "map_resolution_px": 64}
+    culled, whole = (planned(scene, stochastic_culling=is_culled, **choices).predicted_ms for is_culled in (True, False))
+    assert culled < 0.8 * whole

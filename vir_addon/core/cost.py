@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .bounds import SceneBounds
-from .scene import Light, Mesh, SceneSnapshot
+from .scene import Light, LightShape, Mesh, SceneSnapshot
 from .settings import Method, PointStorage, Settings
 
 RASTER_NS_PER_TRIANGLE = 100.0
@@ -25,7 +25,9 @@ GENERATE_NS_PER_POINT = 60.0
 SPLAT_NS_PER_POINT = 9.0
 """13 for a point that is replayed; about a third is found hidden after the first batch"""
 CLEAR_NS_PER_TEXEL = 1.0
+POINT_BYTES = 16
 GATHER_NS_PER_TRIANGLE = 150.0
+MICRO_BYTES_PER_TRIANGLE = 48
 SMALL_NS_PER_TRIANGLE = 13.0
 SMALL_NS_PER_TEXEL = 32.0
 SMALL_PERIMETER_TEXELS = 12.0
@@ -89,6 +91,9 @@ def _estimate_instances(snapshot: SceneSnapshot, light: Light, settings: Setting
     scale = np.cbrt(np.abs(np.linalg.det(instances.world_from_object[:, :3, :3].astype(np.float64))))
     centers = instances.world_from_object[:, :3, 3] - light.world_from_light[:3, 3]
     distance = np.maximum(np.linalg.norm(centers, axis=1), 1e-3)
+    if light.shape is LightShape.SUN:
+        # where its object stands means nothing
+        distance[:] = max(np.ptp(bounds.corners_ws[casts].reshape(-1, 3), axis=0).max(initial=0), 1e-3) if casts.any() else 1.0
     # windows are fitted: a map spans roughly what the objects span, about a radian
     texel = distance / settings.map_resolution_px
     facing = np.where([mesh.is_closed for mesh in snapshot.meshes], 0.5, 1.0)[mesh]
@@ -97,20 +102,29 @@ def _estimate_instances(snapshot: SceneSnapshot, light: Light, settings: Setting
 
 
 def _point_counts(estimates: _InstanceEstimates, settings: Settings) -> np.ndarray:
-    """(instance_count,) mean points of a triangle: it touches its area plus half its perimeter in lattice cells, and one more."""
+    """(instance_count,) mean points of a triangle: it touches its area plus half its perimeter in lattice cells, and one more; of those far
+    below a texel only some are kept."""
     points_per_texel = POINTS_PER_TEXEL if settings.watertight else 1.0
     area, perimeter = estimates.texel_area * points_per_texel, estimates.texel_perimeter * np.sqrt(points_per_texel)
     all_area = float((estimates.triangle_count * area).sum())
     visible = min(1.0, MAX_LAYERS * POINTS_PER_TEXEL * settings.map_resolution_px**2 / max(all_area, 1.0))
-    return 1 + perimeter / 4 + area * visible
+    kept = np.minimum(estimates.texel_area / settings.culling_area_texels, 1) if settings.stochastic_culling else 1.0
+    return kept * (1 + perimeter / 4 + area * visible)
 
 
 def estimate_methods(
-    snapshot: SceneSnapshot, light: Light, view_count: int, settings: Settings, bounds: SceneBounds, face_count: int = 1
+    snapshot: SceneSnapshot,
+    light: Light,
+    view_count: int,
+    settings: Settings,
+    bounds: SceneBounds,
+    face_count: int = 1,
+    batch_count: int = 1,
 ) -> dict[Method, float]:
     """Milliseconds of making all depth maps with each method.
 
     face_count: maps a view; they share out what casts, and each has its own texels to clear and its own walk over the triangles.
+    batch_count: times that the views are taken in turn; what does not fit into its memory is made again for each.
     """
     estimates = _estimate_instances(snapshot, light, settings, bounds)
     triangles = float(estimates.triangle_count.sum())
@@ -122,7 +136,9 @@ def estimate_methods(
     is_small = estimates.texel_perimeter <= SMALL_PERIMETER_TEXELS
     facing = estimates.triangle_count * estimates.facing
     small, large = float(facing[is_small].sum()), float(facing[~is_small].sum())
-    micro_ns = face_count * triangles * GATHER_NS_PER_TRIANGLE + view_count * (
+    budget_bytes = settings.replay_buffer_mib << 20
+    gatherings = 1 if small * MICRO_BYTES_PER_TRIANGLE <= budget_bytes else batch_count
+    micro_ns = gatherings * face_count * triangles * GATHER_NS_PER_TRIANGLE + view_count * (
         small * SMALL_NS_PER_TRIANGLE
         + min(float((facing * estimates.texel_area)[is_small].sum()), covered) * SMALL_NS_PER_TEXEL
         + texels * CLEAR_NS_PER_TEXEL
@@ -130,10 +146,11 @@ def estimate_methods(
     )
 
     point_counts = _point_counts(estimates, settings)
-    generations = 1 if settings.points is PointStorage.BUFFERED else max(1, view_count // 8)
 
     def points_ns(becomes_points: np.ndarray, share: float = 1.0) -> float:
         points = share * float((facing * point_counts)[becomes_points].sum())
+        is_kept = settings.points is PointStorage.BUFFERED and points * POINT_BYTES <= budget_bytes
+        generations = 1 if is_kept else batch_count
         walk_ns = generations * (face_count * triangles * GENERATE_NS_PER_TRIANGLE + points * GENERATE_NS_PER_POINT)
         return walk_ns + view_count * (points * SPLAT_NS_PER_POINT + texels * CLEAR_NS_PER_TEXEL)
 

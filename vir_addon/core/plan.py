@@ -187,7 +187,8 @@ def _plan_light(
             predicted_ms=cost.resolve_ms(snapshot, view_count),
         )
     face_count = _likely_face_count(light, places_ws)
-    estimates = cost.estimate_methods(snapshot, light, view_count, settings, bounds, face_count=face_count)
+    batch_count = min(_batch_count(view_count, settings.map_resolution_px), view_count)
+    estimates = cost.estimate_methods(snapshot, light, view_count, settings, bounds, face_count, batch_count)
     has_cut_outs = any(snapshot.meshes[index].opacity_map is not None for index in _caster_meshes(snapshot, light))
     if settings.method is Method.AUTO:
         # what the rasterizer draws into splatted maps loses half a texel at every outline, and lace is nothing but outlines
