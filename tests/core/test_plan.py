@@ -113,6 +113,15 @@ def test_light_without_size_gets_one_view():
     assert planned(scene_with(area_light(size_m=(1.0, 0.0))), view_count=64).view_count == 64
 
 
+def test_one_map_whatever_the_number_of_views():
+    few, many = (planned(scene_with(area_light()), method=Method.PCSS, view_count=count) for count in (8, 256))
+    assert few == many and few.view_count == 1
+    assert "one map, 32 + 64 samples" in few.reason
+    hard = planned(scene_with(area_light(size_m=(0, 0))), method=Method.PCSS)
+    assert "hard shadow" in hard.reason and "samples" not in hard.reason
+    assert planned(scene_with(area_light()), method=Method.PCSS, filter_sample_count=128).predicted_ms > few.predicted_ms
+
+
 def test_unknown_light_is_answered_with_those_there_are():
     with pytest.raises(UsageError, match=r"'Sun'.*'Fill', 'Key'"):
         plan(scene_with(area_light(), area_light("Fill")), Settings(light_names=("Sun",)))
@@ -196,7 +205,17 @@ def test_maps_larger_than_the_device_allows_are_refused_with_the_largest_that_wo
     assert "VIR Shadow Key" in render_passes(scene, device, map_resolution_px=512, view_count=64)
 
 
-@pytest.mark.parametrize("arguments", [{"view_count": 0}, {"view_count": 5000}, {"map_resolution_px": 8}, {"replay_buffer_mib": 0}])
+OUT_OF_RANGE = [
+    {"view_count": 0},
+    {"view_count": 5000},
+    {"map_resolution_px": 8},
+    {"replay_buffer_mib": 0},
+    {"blocker_sample_count": 0},
+    {"filter_sample_count": 129},
+]
+
+
+@pytest.mark.parametrize("arguments", OUT_OF_RANGE)
 def test_settings_out_of_range(arguments):
     with pytest.raises(UsageError):
         Settings(**arguments)

@@ -127,6 +127,7 @@ HOW = {
     "epr": {"method": Method.EPR},
     "epr bufferless": {"method": Method.EPR, "points": PointStorage.BUFFERLESS},
     "hybrid": {"method": Method.HYBRID},
+    "pcss": {"method": Method.PCSS},
     "hybrid bufferless": {"method": Method.HYBRID, "points": PointStorage.BUFFERLESS},
 }
 

@@ -278,7 +278,7 @@ LAMPS = {
     [
         (name, method)
         for name, light in LAMPS.items()
-        for method in (*METHODS_AND_HYBRID, Method.EPR)
+        for method in (*METHODS_AND_HYBRID, Method.EPR, Method.PCSS)
         if light.shape.is_omni or method is not Method.EPR
     ],
 )

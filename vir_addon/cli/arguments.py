@@ -46,6 +46,14 @@ def parse_names(text: str) -> tuple[str, ...]:
     return names
 
 
+def parse_sample_counts(text: str) -> tuple[int, int]:
+    """'32+64' -> (32, 64)"""
+    search, plus, of_filter = text.partition("+")
+    if not (plus and search.isdigit() and of_filter.isdigit()):
+        raise argparse.ArgumentTypeError(f"{text!r} is not two counts such as 32+64")
+    return int(search), int(of_filter)
+
+
 def _parse_choice(choices: type[enum.Enum], text: str) -> enum.Enum:
     try:
         return choices(text)
@@ -123,7 +131,15 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=defaults.view_count,
         metavar="N",
-        help=f"light samples of each light with a size; default {defaults.view_count}",
+        help=f"light samples of each light with a size; default {defaults.view_count}; pcss has one map whatever this says",
+    )
+    pcss_counts = defaults.blocker_sample_count, defaults.filter_sample_count
+    parser.add_argument(
+        "--pcss-samples",
+        type=parse_sample_counts,
+        default=pcss_counts,
+        metavar="N+M",
+        help=f"of pcss: samples that search for blockers and samples of the filter, a look-up; default {pcss_counts[0]}+{pcss_counts[1]}",
     )
     parser.add_argument(
         "--map-resolution",
@@ -151,6 +167,8 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         stochastic_culling=arguments.culling_area != 0,
         culling_area_texels=arguments.culling_area or Settings.culling_area_texels,
         view_count=arguments.views,
+        blocker_sample_count=arguments.pcss_samples[0],
+        filter_sample_count=arguments.pcss_samples[1],
         map_resolution_px=arguments.map_resolution,
         light_names=arguments.lights,
         resolve=arguments.resolve,

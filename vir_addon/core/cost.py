@@ -33,6 +33,8 @@ SMALL_NS_PER_TEXEL = 32.0
 SMALL_PERIMETER_TEXELS = 12.0
 """around what micro-triangle rasterization calls small (core/passes/shadow_maps.py)"""
 RESOLVE_NS_PER_LOOKUP = 14.0
+FILTER_NS_PER_TAP = 5.0
+"""of pcss, in which most find nothing"""
 EYE_NS_PER_PIXEL = 60.0
 SAMPLED_TRIANGLES = 2048
 MAX_LAYERS = 16
@@ -53,6 +55,12 @@ def eye_ms(snapshot: SceneSnapshot, eye_sample_count: int) -> float:
 
 def resolve_ms(snapshot: SceneSnapshot, view_count: int) -> float:
     return snapshot.width_px * snapshot.height_px * view_count * RESOLVE_NS_PER_LOOKUP * 1e-6
+
+
+def filter_ms(snapshot: SceneSnapshot, settings: Settings, eye_sample_count: int) -> float:
+    """Of pcss, which looks the picture up with all taps for every eye sample."""
+    taps = eye_sample_count * (settings.blocker_sample_count + settings.filter_sample_count)
+    return snapshot.width_px * snapshot.height_px * taps * FILTER_NS_PER_TAP * 1e-6
 
 
 def _mean_edge_products(mesh: Mesh) -> tuple[float, float]:
@@ -168,6 +176,7 @@ def estimate_methods(
         Method.VIR: points_ns(everything, GLOBAL_RATE_SHARE),
         Method.VWSS: points_ns(everything),
         Method.EPR: points_ns(everything),
+        Method.PCSS: raster_ns,
     }
     cut_out_ns = view_count * _cut_out_ns_a_view(snapshot, estimates, texels)
     return {method: (ns + cut_out_ns) * 1e-6 for method, ns in nanoseconds.items()}

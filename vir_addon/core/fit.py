@@ -39,6 +39,9 @@ NOTHING = np.array([1.0, -1.0, 1.0, -1.0])
 """bounds (left, right, bottom, top) that hold no point"""
 TEXELS_PER_EYE_PIXEL = 4.0
 """each way, as many as a pixel has visibility samples (core/passes/eye.py), which show by what part of a pixel an edge is off"""
+SEARCH_TANGENT = 1.0
+"""How much farther to the sides than its face a map reaches in which blockers are searched: a cube's faces overlap so far. What is beyond
+shadows nothing in it."""
 MAX_PAIRS = 4_000_000
 """view-instance pairs evaluated exactly; beyond it all views share one window"""
 
@@ -280,6 +283,15 @@ def finest_tangent(points_fs: np.ndarray, centers_fs: np.ndarray, widths_m: np.n
     return float((widths_m / distances).min()) / TEXELS_PER_EYE_PIXEL
 
 
+def _searched_places(points: np.ndarray, lit_from: np.ndarray, depth_m: float) -> np.ndarray:
+    """With (n, 3) receivers, the (n * (1 + m), 3) places where rays from them to (m, 3) points of the light are at a depth. Between
+    the two lies, seen from the light's centre, all that may be in the way. Face space"""
+    toward = lit_from[:, None] - points
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.clip((points[:, 2] - depth_m) / -toward[..., 2], 0, 1)
+    return np.concatenate([points, (points + np.nan_to_num(share)[..., None] * toward).reshape(-1, 3)])
+
+
 def fit_face(
     face: Face,
     light: Light,
@@ -288,10 +300,11 @@ def fit_face(
     receivers: Receivers,
     resolution_px: int,
     pixels: EyePixels | None = None,
+    searched_m: np.ndarray | None = None,
 ) -> FittedFace | None:
     """Windows of all views of a face. None when the face holds no receiver; without casters when nothing in it is shadowed.
 
-    pixels: of the eye, which decide how fine maps have to be; None: they have `resolution_px`.
+    pixels: of the eye, which decide how fine maps have to be; None: they have `resolution_px`. searched_m: as of `fit_light`
     """
     rotation, center = face.face_from_world, light.world_from_light[:3, 3]
     centers_fs = samples_m @ light_axes(light) @ rotation.T
@@ -309,14 +322,21 @@ def fit_face(
     near_m = NEAR_SHARE_OF_FAR * far_m
 
     corners = (casters.corners_ws - center) @ rotation.T
+    limits = face.limits
+    if searched_m is not None:
+        depths = corners[..., 2]
+        first_m = max(near_m, float(depths.min(axis=-1)[depths.max(axis=-1) > near_m].min(initial=np.inf)))
+        points = _searched_places(points, box_corners(searched_m) @ light_axes(light) @ rotation.T, first_m)
+        left, right, bottom, top = face.limits
+        limits = (left - SEARCH_TANGENT, right + SEARCH_TANGENT, bottom - SEARCH_TANGENT, top + SEARCH_TANGENT)
     exact = len(centers_fs) * len(corners) <= MAX_PAIRS
     eyes = centers_fs if exact else hull_fs
     seen = np.zeros((len(eyes), len(corners)), bool)
     windows = np.zeros((len(eyes), 4))
     nearest_m = np.inf
     for index, eye in enumerate(eyes):
-        received = _with_margin(_union(_tangent_bounds((points - eye)[:, None], near_m, face.limits)), receivers.margin, face.limits)
-        shadowing = _intersect(_tangent_bounds(corners - eye, near_m, face.limits), received)
+        received = _with_margin(_union(_tangent_bounds((points - eye)[:, None], near_m, limits)), receivers.margin, limits)
+        shadowing = _intersect(_tangent_bounds(corners - eye, near_m, limits), received)
         depth = (corners[..., 2] - eye[2]).min(axis=-1)
         shadowing[depth >= far_m] = NOTHING
         seen[index] = ~_is_empty(shadowing)
@@ -359,7 +379,14 @@ def _sheared_bounds(points: np.ndarray, shear: np.ndarray) -> np.ndarray:
     return np.stack([low[..., 0], high[..., 0], low[..., 1], high[..., 1]], axis=-1)
 
 
-def fit_sun(light: Light, samples_m: np.ndarray, casters: CasterSet, receivers: Receivers, resolution_px: int) -> FittedFace:
+def fit_sun(
+    light: Light,
+    samples_m: np.ndarray,
+    casters: CasterSet,
+    receivers: Receivers,
+    resolution_px: int,
+    searched_m: np.ndarray | None = None,
+) -> FittedFace:
     """Windows of all views of a sun: what casts, however far towards the sun, intersected with the receivers. The lattice hangs on the
     world's origin, whatever depth is counted from."""
     axes, limits = light_axes(light), (-np.inf, np.inf, -np.inf, np.inf)
@@ -367,6 +394,10 @@ def fit_sun(light: Light, samples_m: np.ndarray, casters: CasterSet, receivers: 
     points, corners = receivers.points_ws @ axes.T, casters.corners_ws @ axes.T
     farthest = float(points[:, 2].max())
     deepest_first = corners[..., 2].min(axis=-1)
+    if searched_m is not None:
+        before_m = np.maximum(points[:, 2] - deepest_first.min(initial=np.inf), 0)
+        aside = points[:, None] - before_m[:, None, None] * (box_corners(searched_m) * [1, 1, 0])
+        points = np.concatenate([points, aside.reshape(-1, 3)])
     seen = np.zeros((len(samples_m), len(corners)), bool)
     windows = np.zeros((len(samples_m), 4))
     exact = len(samples_m) * len(corners) <= MAX_PAIRS
@@ -404,13 +435,18 @@ def fit_light(
     receivers: Receivers,
     resolution_px: int,
     pixels: EyePixels | None = None,
+    searched_m: np.ndarray | None = None,
 ) -> tuple[list[FittedFace], bool]:
-    """All faces of a light that hold receivers, and whether it took a cube. pixels: as of `fit_face`; not of suns"""
+    """All faces of a light that hold receivers, and whether it took a cube.
+
+    pixels: as of `fit_face`; not of suns. searched_m: (n, 3) points of the light, as `samples_m`, for views in which is searched for
+    what is between them and the receivers.
+    """
     if not len(receivers.points_ws):
         return [], False
-    casters = shadowing_casters(snapshot, light, bounds, receivers.points_ws, samples_m)
+    casters = shadowing_casters(snapshot, light, bounds, receivers.points_ws, samples_m if searched_m is None else searched_m)
     if light.shape is LightShape.SUN:
-        return [fit_sun(light, samples_m, casters, receivers, resolution_px)], False
+        return [fit_sun(light, samples_m, casters, receivers, resolution_px, searched_m)], False
     faces = choose_faces(light, receivers.points_ws, samples_m)
-    fitted = (fit_face(face, light, samples_m, casters, receivers, resolution_px, pixels) for face in faces)
+    fitted = (fit_face(face, light, samples_m, casters, receivers, resolution_px, pixels, searched_m) for face in faces)
     return [face for face in fitted if face is not None], len(faces) > 1

@@ -6,17 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from ..device.interface import Device, Texture, TextureFormat
+from ..device.interface import ComputeKernel, Device, Texture, TextureFormat
 from ..device.owned import Owned
 from .bounds import cullable_instances
 from .eye_pixels import eye_pixels
 from .fit import FittedFace, fit_light, light_hull, select_receivers
 from .methods import depth_map_method
 from .methods.base import DepthMapMethod, FaceJob
+from .methods.pcss import PercentageCloserSoftShadows
 from .methods.shared import SharedByFaces
 from .pass_set import PassStatistics
 from .passes.accumulate import MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, STATE_LIT, PassAccumulator
 from .passes.eye import EyePass
+from .passes.percentage_closer import PERCENTAGE_CLOSER, LightTaps
 from .passes.scene_data import SceneData
 from .passes.shadow_maps import FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, WAS_LIT, DepthMaps, face_table, samples_table, views_table
 from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
@@ -103,9 +105,15 @@ class LightWork:
         self.light: Light = next(light for light in snapshot.lights if light.name == planned.light_name)
         self.samples_m = light_samples(self.light, planned.view_count)
         self.sample_weights = sample_weights(self.light, self.samples_m)
+        self.taps: LightTaps | None = None
+        """of a light with size that has one map"""
+        if planned.method is Method.PCSS and self.light.has_size:
+            self.taps = LightTaps(self.light, plan.settings, plan.batch_count * plan.eye_samples_per_batch)
+        self.look_up = RESOLVE
         self.resolve_flags = list(planned.method.resolve_flags)
         if self.light.shape.is_omni:
-            self.resolve_flags += ["OMNI"] + ["SPHERE"] * (planned.view_count > 1) + ["CONE"] * (self.light.shape is LightShape.SPOT)
+            has_sphere = planned.view_count > 1 or self.taps is not None
+            self.resolve_flags += ["OMNI"] + ["SPHERE"] * has_sphere + ["CONE"] * (self.light.shape is LightShape.SPOT)
         if self.light.shape is LightShape.SUN:
             self.resolve_flags.append("ORTHOGRAPHIC")
         self.receivers = store.no_receivers
@@ -125,6 +133,8 @@ class LightWork:
             view_count=planned.view_count,
             map_resolution_px=planned.map_resolution_px,
         )
+        if self.taps:
+            self.statistics.blocker_sample_count, self.statistics.filter_sample_count = self.taps.counts
         self.faces: list[LightFace] = []
         self.mapped: list[LightFace] = []
         """those that dispatches are for"""
@@ -139,9 +149,9 @@ class LightWork:
             snapshot, bounds = self.scene_data.snapshot, self.plan.bounds
             receivers = select_receivers(positions, normals, self.light)
             pixels = eye_pixels(snapshot) if self.planned.method is Method.EPR else None
-            fitted_faces, is_cube = fit_light(
-                snapshot, self.light, self.samples_m, bounds, receivers, self.planned.map_resolution_px, pixels
-            )
+            searched_m = self.taps.samples_m if self.taps else None
+            resolution_px = self.planned.map_resolution_px
+            fitted_faces, is_cube = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, resolution_px, pixels, searched_m)
             if is_cube:
                 self.resolve_flags.append("MANY_FACES")
             is_sun = self.light.shape is LightShape.SUN
@@ -149,6 +159,8 @@ class LightWork:
                 self.reference_m = max((fitted.views.far_m for fitted in fitted_faces), default=1.0)
             culled = cullable_instances(snapshot, bounds, None if is_sun else light_hull(self.light, self.samples_m))
             self.faces = [self._face(fitted, culled) for fitted in fitted_faces]
+            if self.taps and self.faces:
+                self.look_up = PERCENTAGE_CLOSER
             # faces without casters need no map: the first dispatch looks them up too, or one of their own if there is no other
             self.mapped = [face for face in self.faces if face[2] is not None] or self.faces[:1]
             self.masks = [1 << fitted.views.face.index for fitted, _, _ in self.mapped]
@@ -206,8 +218,9 @@ class LightWork:
             if method is not None:
                 with stopwatch.stage("splat or raster"):
                     method.fill(maps, selected)
+                maps = method.kept_maps or maps
             with stopwatch.stage("resolve"):
-                rounds = self._rounds(eye, index, maps, selected)
+                rounds = self._rounds(eye, index, maps, batch)
                 if turns is None:
                     turns = FaceTurns(self.masks, np.array([self._tile_faces(look_up) for look_up in rounds]))
                 for part, look_up in enumerate(rounds):
@@ -254,9 +267,10 @@ class LightWork:
             "height": height,
         }
 
-    def _rounds(self, eye: EyePass, index: int, maps: DepthMaps, selected: range) -> list[dict[str, Any]]:
+    def _rounds(self, eye: EyePass, index: int, maps: DepthMaps, batch: int) -> list[dict[str, Any]]:
         """What RESOLVE is bound to for each of a batch's eye samples while the maps are those of a face."""
-        fitted, table, _ = self.mapped[index]
+        fitted, table, method = self.mapped[index]
+        selected = self.batch_views(batch)
         face = {
             "depth_maps": maps.texture,
             "face": table,
@@ -265,7 +279,12 @@ class LightWork:
             "map_face": fitted.views.face.index,
             "face_mask": self.masks[index],
         }
-        return [{**self._round(eye, part, len(selected)), **face} for part in range(len(eye.buffers))]
+        parts = range(len(eye.buffers))
+        taps: list[dict[str, Any]] = [{} for _ in parts]
+        if self.taps:
+            nearest_m = method.nearest_m if isinstance(method, PercentageCloserSoftShadows) else fitted.views.far_m
+            taps = [self.taps.bindings(fitted.views.face, nearest_m, batch * len(parts) + part) for part in parts]
+        return [{**self._round(eye, part, len(selected)), **face, **taps[part]} for part in parts]
 
     def _tile_faces(self, look_up: dict[str, Any]) -> np.ndarray:
         """(rows, columns) uint32: a bit for every face that the tile's surfaces are seen in"""
@@ -286,7 +305,7 @@ class LightWork:
             if not tiles.count:
                 return
             self.device.fill(self.accumulator.disagreeing, 0)
-            tiles.dispatch_probes(self.device.compute_kernel(RESOLVE, *self.resolve_flags, "PROBES"), batch, **look_up)
+            tiles.dispatch_probes(self._kernel("PROBES"), batch, **self._bound(look_up))
         were_lit = self.accumulator.tile_states == STATE_LIT
         reopened = self.accumulator.reopen(turns.skipped_by(index, part))
         eye.want_also(reopened)
@@ -295,7 +314,14 @@ class LightWork:
     def _resolve(self, part: int, turns: np.ndarray, look_up: dict[str, Any]) -> None:
         with Owned() as temporary:
             tiles = temporary.own(self.accumulator.tiles_to_look_up(part, turns))
-            tiles.dispatch(self.device.compute_kernel(RESOLVE, *self.resolve_flags), **look_up)
+            tiles.dispatch(self._kernel(), **self._bound(look_up))
+
+    def _kernel(self, *flags: str) -> ComputeKernel:
+        return self.device.compute_kernel(self.look_up, *self.resolve_flags, *flags)
+
+    def _bound(self, look_up: dict[str, Any]) -> dict[str, Any]:
+        """What of a round this light's kernel is bound to; finding tiles' faces takes other parts of it."""
+        return {name: bound for name, bound in look_up.items() if name in self.look_up.binding_names}
 
     def release(self) -> None:
         self._owned.close()

@@ -60,6 +60,10 @@ class PassStatistics:
     made; `reason` says why)"""
     reason: str
     view_count: int = 0
+    blocker_sample_count: int = 0
+    """of every look-up of the picture, one an eye sample; 0 but for pcss, and for its lights without size"""
+    filter_sample_count: int = 0
+    """likewise"""
     face_count: int = 0
     map_resolution_px: int = 0
     """0: no map was made"""

@@ -173,9 +173,9 @@ def _plan_light(
         reason, surface_value = skipped
         return PlannedPass(light.name, pass_name, runs=False, reason=reason, surface_value=surface_value)
     _refuse_what_the_method_cannot_do(light, settings)
-    view_count = settings.view_count if light.has_size else 1
+    view_count = settings.view_count if light.has_size and settings.method is not Method.PCSS else 1
     reason = _describe(light) if light.has_size else f"{_describe(light)} without size: one view, a hard shadow"
-    if not may_shadow(snapshot, light, bounds, receiver_boxes.reshape(-1, 3), view_count):
+    if not may_shadow(snapshot, light, bounds, receiver_boxes.reshape(-1, 3), settings.view_count if light.has_size else 1):
         return PlannedPass(
             light.name,
             pass_name,
@@ -189,6 +189,10 @@ def _plan_light(
     face_count = _likely_face_count(light, places_ws)
     batch_count = min(_batch_count(view_count, settings.map_resolution_px), view_count)
     estimates = cost.estimate_methods(snapshot, light, view_count, settings, bounds, face_count, batch_count)
+    is_filtered = settings.method is Method.PCSS and light.has_size
+    look_ups_ms = face_count * cost.resolve_ms(snapshot, view_count)
+    if is_filtered:
+        look_ups_ms = cost.filter_ms(snapshot, settings, MAX_EYE_SAMPLES)
     has_cut_outs = any(snapshot.meshes[index].opacity_map is not None for index in _caster_meshes(snapshot, light))
     if settings.method is Method.AUTO:
         # what the rasterizer draws into splatted maps loses half a texel at every outline, and lace is nothing but outlines
@@ -202,6 +206,8 @@ def _plan_light(
         reason += f"; {method.value} as asked"
         if has_cut_outs and method.shrinks_cut_outs:
             reason += ", though cut-outs lose half a texel at their outlines"
+        if is_filtered:
+            reason += f": one map, {settings.blocker_sample_count} + {settings.filter_sample_count} samples of it for every eye sample"
     return PlannedPass(
         light.name,
         pass_name,
@@ -212,7 +218,7 @@ def _plan_light(
         point_generation=settings.point_generation,
         view_count=view_count,
         map_resolution_px=settings.map_resolution_px,
-        predicted_ms=estimates[method] + face_count * cost.resolve_ms(snapshot, view_count),
+        predicted_ms=estimates[method] + look_ups_ms,
     )
 
 

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 from .errors import UsageError
 
+MAX_TAPS = 128
+"""of pcss, for each of its two searches: a table of all taps is 4 KiB"""
+
 
 class Method(enum.Enum):
     AUTO = "auto"
@@ -17,6 +20,7 @@ class Method(enum.Enum):
     VIR = "vir"
     VWSS = "vwss"
     EPR = "epr"
+    PCSS = "pcss"
 
     @property
     def uses_points(self) -> bool:
@@ -86,6 +90,10 @@ class Settings:
     """vwss: points of back faces as well"""
     views_per_thread: int = 8
     """vwss: maps that one thread writes a point into; 1: serial, 8 and more: all that there are at a time"""
+    blocker_sample_count: int = 32
+    """pcss: taps that search for blockers, for every eye sample of a pixel"""
+    filter_sample_count: int = 64
+    """pcss: taps of the filter that the blockers' depth decides the width of"""
     replay_buffer_mib: int = 256
     """memory for what views replay (points, small triangles) of all lights; what does not fit is processed in portions, or made again when
     its turn comes"""
@@ -99,6 +107,9 @@ class Settings:
             raise UsageError(f"a small triangle may have 0 to 32 points, not {self.small_triangle_points}")
         if not 0 < self.culling_area_texels <= 1:
             raise UsageError(f"triangles may be culled below more than 0 and at most 1 texel, not {self.culling_area_texels:g}")
+        for name, count in (("blocker", self.blocker_sample_count), ("filter", self.filter_sample_count)):
+            if not 1 <= count <= MAX_TAPS:
+                raise UsageError(f"the {name} samples of pcss must be 1 to {MAX_TAPS}, not {count}")
         if self.views_per_thread < 1:
             raise UsageError(f"a thread serves at least one view, not {self.views_per_thread}")
         if self.points is PointStorage.BUFFERLESS and not self.method.may_be_bufferless:

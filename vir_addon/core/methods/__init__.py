@@ -13,6 +13,7 @@ from .ivir import ImprovedViewIndependentRasterization
 from .ivir_by_rasterizer import PointsByRasterizer
 from .micro import MicroTriangleRasterization
 from .mvr import MultiviewRasterization
+from .pcss import PercentageCloserSoftShadows
 from .vir import ViewIndependentRasterization
 from .vwss import ViewWarpedSoftShadows
 
@@ -20,6 +21,7 @@ WITHOUT_CHOICE: dict[Method, Callable[[FaceJob], DepthMapMethod]] = {
     Method.MVR: MultiviewRasterization,
     Method.MICRO: MicroTriangleRasterization,
     Method.VIR: ViewIndependentRasterization,
+    Method.PCSS: PercentageCloserSoftShadows,
 }
 OF_POINTS: dict[Method, Callable[[FaceJob, PointStorage], DepthMapMethod]] = {
     Method.IVIR: ImprovedViewIndependentRasterization,

@@ -57,6 +57,8 @@ class DepthMapMethod(abc.ABC):
         self.large: LargeTriangles | None = None
         """of methods whose kernels leave them to the rasterizer"""
         self._cut_out_map_count = 0
+        self.kept_maps: DepthMaps | None = None
+        """after `fill`: the maps to look up instead of those that it was given"""
 
     @property
     def caster_triangle_count(self) -> int:
