@@ -116,7 +116,7 @@ ERRORS = {"still life": (0.020, 0.006), "foliage": (0.024, 0.012), "room": (0.04
 """RMSE of pcss and of mvr at 64 views, with room for what changes with the size of the picture"""
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", ["foliage", *(pytest.param(name, marks=pytest.mark.slow) for name in ("still life", "room"))])
 def test_error_against_rays(device, name):
     scene = SCENES[name](64, 36)
     images, positions = [], None
