@@ -21,6 +21,7 @@ from vir_addon.core import cost
 from vir_addon.core.errors import SceneError, UsageError
 from vir_addon.core.plan import AUTO_METHODS, plan
 from vir_addon.core.render import render
+from vir_addon.core.scene import Mesh
 from vir_addon.core.settings import Method, PointStorage, Settings
 
 WIDTH, HEIGHT = 48, 27
@@ -296,3 +297,20 @@ def test_culling_triangles_far_below_a_texel_is_predicted():
     choices = {"method": Method.IVIR, "map_resolution_px": 64}
     culled, whole = (planned(scene, stochastic_culling=is_culled, **choices).predicted_ms for is_culled in (True, False))
     assert culled < 0.8 * whole
+
+
+def test_what_is_small_of_a_mesh_with_both_kinds_of_triangles_is_predicted_small():
+    """A mesh of a fine ball and a large plate costs about what the two cost as meshes of their own."""
+    camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
+    ball = bumpy_sphere("ball", (0, 0, 1.0), 1.0, 20, smooth=False)
+    plates = box("plates", (0, 0, 1.0), (2.0, 2.0, 0.5))
+    positions = np.concatenate([ball.positions_os, plates.positions_os])
+    triangles = np.concatenate([ball.triangles, plates.triangles + ball.vertex_count]).astype(np.int32)
+    both = Mesh("both", positions, triangles, is_closed=True)
+    costs = [
+        planned(
+            snapshot([floor(4.0), *meshes], [area_light()], camera, WIDTH, HEIGHT), method=Method.MICRO, map_resolution_px=64
+        ).predicted_ms
+        for meshes in ((both,), (ball, plates))
+    ]
+    assert costs[0] == pytest.approx(costs[1], rel=0.2)

@@ -63,13 +63,27 @@ def filter_ms(snapshot: SceneSnapshot, settings: Settings, eye_sample_count: int
     return snapshot.width_px * snapshot.height_px * taps * FILTER_NS_PER_TAP * 1e-6
 
 
-def _mean_edge_products(mesh: Mesh) -> tuple[float, float]:
-    """Mean area (m^2) and mean perimeter (m) of a regular subset of the triangles, object space."""
+def _sampled_sizes(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) areas (m^2) and (n,) perimeters (m) of a regular subset of the triangles, object space, by perimeter."""
     step = max(1, mesh.triangle_count // SAMPLED_TRIANGLES)
     a, b, c = np.moveaxis(mesh.positions_os[mesh.triangles[::step]].astype(np.float64), 1, 0)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
     perimeter = sum(np.linalg.norm(d, axis=1) for d in (b - a, c - b, a - c))
-    return float(area.mean()), float(perimeter.mean())
+    order = np.argsort(perimeter)
+    return area[order], perimeter[order]
+
+
+def _small_shares(sizes: list[tuple[np.ndarray, np.ndarray]], mesh_index: np.ndarray, limit_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of each instance, (instance_count,): the share of its triangles, and of their area, with a perimeter of at most `limit_m`
+    (instance_count,) object space. Means alone would call a column large whose capital is most of its triangles."""
+    count_share, area_share = np.zeros(len(mesh_index)), np.zeros(len(mesh_index))
+    order = np.argsort(mesh_index, kind="stable")
+    for own in np.split(order, np.flatnonzero(np.diff(mesh_index[order])) + 1) if len(order) else ():
+        area, perimeter = sizes[mesh_index[own[0]]]
+        small = np.searchsorted(perimeter, limit_m[own], side="right")
+        count_share[own] = small / max(len(area), 1)
+        area_share[own] = np.r_[0.0, np.cumsum(area)][small] / max(area.sum(), 1e-30)
+    return count_share, area_share
 
 
 @dataclass(frozen=True)
@@ -84,6 +98,10 @@ class _InstanceEstimates:
     """mean area of a triangle, texels"""
     texel_perimeter: np.ndarray
     """mean perimeter of a triangle, texels"""
+    small_share: np.ndarray
+    """share of the triangles that micro-triangle rasterization calls small"""
+    small_area_share: np.ndarray
+    """share of the triangles' area that is theirs"""
     cut_out_count: np.ndarray
     """triangles with an opacity map, which are not in `triangle_count`; flat meshes too"""
 
@@ -92,7 +110,8 @@ def _estimate_instances(snapshot: SceneSnapshot, light: Light, settings: Setting
     instances = snapshot.instances
     mesh = instances.mesh_index
     casts = instances.casts_shadow if light.blockers is None else light.blockers
-    statistics = np.array([_mean_edge_products(mesh) for mesh in snapshot.meshes]).reshape(-1, 2)[mesh]
+    sizes = [_sampled_sizes(mesh) for mesh in snapshot.meshes]
+    statistics = np.array([[area.mean(), perimeter.mean()] for area, perimeter in sizes]).reshape(-1, 2)[mesh]
     is_cut_out = np.array([mesh.opacity_map is not None for mesh in snapshot.meshes], bool)[mesh]
     all_counts = np.array([mesh.triangle_count for mesh in snapshot.meshes])[mesh] * casts
     counts = all_counts * ((bounds.flat_axis[mesh] < 0) & ~is_cut_out)
@@ -106,7 +125,8 @@ def _estimate_instances(snapshot: SceneSnapshot, light: Light, settings: Setting
     texel = distance / settings.map_resolution_px
     facing = np.where([mesh.is_closed for mesh in snapshot.meshes], 0.5, 1.0)[mesh]
     texel_area, texel_perimeter = statistics[:, 0] * (scale / texel) ** 2, statistics[:, 1] * scale / texel
-    return _InstanceEstimates(counts, facing, texel_area, texel_perimeter, all_counts * is_cut_out)
+    small_share, small_area_share = _small_shares(sizes, mesh, SMALL_PERIMETER_TEXELS * texel / np.maximum(scale, 1e-30))
+    return _InstanceEstimates(counts, facing, texel_area, texel_perimeter, small_share, small_area_share, all_counts * is_cut_out)
 
 
 def _point_counts(estimates: _InstanceEstimates, settings: Settings) -> np.ndarray:
@@ -141,14 +161,14 @@ def estimate_methods(
     covered = min(float((estimates.triangle_count * estimates.facing * estimates.texel_area).sum()), MAX_LAYERS * texels)
     raster_ns = view_count * (triangles * RASTER_NS_PER_TRIANGLE + draws * RASTER_NS_PER_DRAW + texels * RASTER_NS_PER_TEXEL)
 
-    is_small = estimates.texel_perimeter <= SMALL_PERIMETER_TEXELS
     facing = estimates.triangle_count * estimates.facing
-    small, large = float(facing[is_small].sum()), float(facing[~is_small].sum())
+    small = float((facing * estimates.small_share).sum())
+    large = float((facing * (1 - estimates.small_share)).sum())
     budget_bytes = settings.replay_buffer_mib << 20
     gatherings = 1 if small * MICRO_BYTES_PER_TRIANGLE <= budget_bytes else batch_count
     micro_ns = gatherings * face_count * triangles * GATHER_NS_PER_TRIANGLE + view_count * (
         small * SMALL_NS_PER_TRIANGLE
-        + min(float((facing * estimates.texel_area)[is_small].sum()), covered) * SMALL_NS_PER_TEXEL
+        + min(float((facing * estimates.texel_area * estimates.small_area_share).sum()), covered) * SMALL_NS_PER_TEXEL
         + texels * CLEAR_NS_PER_TEXEL
         + (large * RASTER_NS_PER_TRIANGLE + face_count * RASTER_NS_PER_DRAW + texels * RASTER_NS_PER_TEXEL if large else 0.0)
     )
