@@ -4,7 +4,7 @@
 #include "lib/aligned_triangle.glsl"
 
 const float EDGE_TOLERANCE_FOOTPRINTS = 1.0 / 1024.0;  // what float32 may move a place by
-const int MAX_SPLAT_TEXELS = 24;                       // each way: the diagonal of MAX_SPLAT_LATTICES and a texel
+const int MAX_SPLAT_TEXELS = 70;                       // each way: the diagonal of MAX_SPLAT_LATTICES and a texel
 
 void splat_cell(AlignedTriangle t, vec2 center, vec2 half_size) {
     vec3 middle = point_at(t, center);

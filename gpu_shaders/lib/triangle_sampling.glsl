@@ -121,7 +121,7 @@ vec2 texel_density(vec3 p, vec3 n, float least_depth) {
 #define eye_pixel_angle (eye[1].x)  // of a perspective camera, 0 for others
 #define eye_pixel_m (eye[1].y)      // of an orthographic one
 
-const float MAX_SPLAT_LATTICES = 16.0;    // cells of the maps' own lattice along a splat's side
+const float MAX_SPLAT_LATTICES = 48.0;    // cells of the maps' own lattice along a splat's side
 const float POINTS_PER_EYE_PIXEL = 0.5;  // rho_scale, which the paper found best
 
 // A lower bound of the distance from the eye to what a ball may shadow, whichever of the light's points shines. Behind the ball, its
@@ -144,14 +144,13 @@ float distance_to_shadow_volume(vec3 center, float radius) {
     return max(length(vec2(nearest - along, aside)) - radius - widening * nearest, 0.0);
 }
 
-// How many times coarser than for the maps a lattice may be. rho_mv (Gavane & Watson 2022 b, eq. 5): d_lt / d_ev is how many texels
-// of a map an eye's pixel takes, if both have the same tangent; the maps' own density, s_ortho, is the most that is of use. Surfaces
+// How many times coarser than for the maps a lattice may be. rho_mv (Gavane & Watson 2022 b, eq. 5): d_lt / d_ev is how many pixels of
+// the eye a texel of a map takes, if both have the same tangent; the maps' own density, s_ortho, is the most that is of use. Surfaces
 // nearer to the light than its diameter need no more than if they stood there.
 float lattice_coarseness(vec3 center, float radius) {
     float pixel_m = eye_pixel_angle * distance_to_shadow_volume(center, radius) + eye_pixel_m;
-    float texel_m = footprint_share * (length(center - hull_box[0].xyz) + length(hull_box[1].xyz));
     float depth = least_visible_depth(center, radius);
-    float wanted = max(pixel_m * inversesqrt(POINTS_PER_EYE_PIXEL) / texel_m, sampled_depth(depth) / depth);
+    float wanted = max(pixel_m * inversesqrt(POINTS_PER_EYE_PIXEL) / footprint_at(depth), blur_depth / depth);
     return clamp(wanted, 1.0, MAX_SPLAT_LATTICES);
 }
 #endif

@@ -16,7 +16,6 @@ from tests.scenes import (
     check_portions,
     error_against_rasterization,
     floor,
-    leaves,
     perspective_camera,
     point_light,
     prepared_renderer,
@@ -58,10 +57,6 @@ def made(name, width=WIDTH, height=HEIGHT, camera=None):
         "room": lambda: (room_meshes(), point_light(eye=(0.0, 0.3, 1.9), radius_m=0.2)),
         "sphere": lambda: (sphere_scene()[0], spot_light(eye=(2.0, -2.0, 5.0), target=(0.0, 0.0, 1.0), radius_m=0.4)),
         "leaves": lambda: (leaves_scene()[0], point_light(eye=(0.5, -0.5, 4.0), radius_m=0.3)),
-        "small leaves": lambda: (
-            [leaves("leaves", (0.0, 0.0, 1.4), 1.6, 60_000, 0.02), floor(4.0)],
-            point_light(eye=(0.5, -0.5, 4.0), radius_m=0.3),
-        ),
     }[name]()
     camera = camera or perspective_camera((0.2, -6.5, 2.6), (0.0, 0.0, 1.2), width, height, 0.45)
     return snapshot(meshes, [light], camera, width, height)
@@ -84,7 +79,7 @@ CASES = {
     "room": ("room", 160, 512, 0.0, 1e-5),
     "sphere": ("sphere", 160, 512, 0.0, 1e-5),
     "leaves": ("leaves", 160, 512, 0.0, 4e-4),
-    "small leaves": ("small leaves", 160, 128, 0.2, 2e-3),
+    "small triangles": ("sphere", 160, 64, 0.5, 3e-3),
     "small maps": ("room", 960, 64, 0.2, 1e-3),
 }
 
@@ -111,7 +106,7 @@ def test_maps_are_the_rasterizer_s(device, case, is_watertight):
             deeper += (found.view(np.float32)[shows] > truth.view(np.float32)[shows] * (1 + 4 * footprint)).sum()
             of_points += (found[shows] & 1).sum()
     print(f"{case}: missed {missed / covered:.6f}, deeper {deeper / covered:.6f}, of points {of_points / covered:.3f} of {covered}")
-    assert covered > 20_000
+    assert covered > 5_000
     assert missed <= may_miss * covered
     assert deeper <= 2 * may_miss * covered
     assert of_points >= of_points_at_least * covered or not is_watertight
@@ -154,7 +149,7 @@ def test_far_fewer_points_than_for_every_texel(device):
 
 
 def test_portions_and_bufferless_make_the_same_picture(device):
-    check_portions(made("room"), device, 2, method=Method.EPR)
+    check_portions(made("room", 480, 270), device, 2, method=Method.EPR)
 
 
 # eq. 6
