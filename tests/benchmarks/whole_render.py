@@ -63,7 +63,8 @@ def run(options: Options) -> list[BenchTable]:
     cycles.prepare(scene, resolution)
     device = open_device(options.device_name)
     try:
-        methods = [method for method in Method if method is not Method.VWSS or device.stores_from_fragments]
+        # the light is an area light
+        methods = [m for m in Method if m is not Method.EPR and (m is not Method.VWSS or device.stores_from_fragments)]
         jobs = {method.value: lambda m=method: render_once(scene, m, sample_count, resolution, device) for method in methods}
         first = {name: job() for name, job in jobs.items()}
         results = take_turns({**jobs, CYCLES: lambda: render_cycles_once(scene, sample_count)}, round_count)

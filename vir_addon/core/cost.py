@@ -188,6 +188,10 @@ def estimate_methods(
         rasterized * RASTER_NS_PER_TRIANGLE + face_count * RASTER_NS_PER_DRAW + texels * RASTER_NS_PER_TEXEL if rasterized else 0.0
     )
     everything = np.ones_like(few_points)
+    # splats cover texels as micro's triangles do, and what is large is cut into few
+    epr_ns = face_count * triangles * GENERATE_NS_PER_TRIANGLE + view_count * (
+        float(facing.sum()) * SMALL_NS_PER_TRIANGLE + covered * SMALL_NS_PER_TEXEL + texels * CLEAR_NS_PER_TEXEL
+    )
     nanoseconds = {
         Method.MVR: raster_ns,
         Method.MICRO: micro_ns,
@@ -195,7 +199,7 @@ def estimate_methods(
         Method.HYBRID: hybrid_ns,
         Method.VIR: points_ns(everything, GLOBAL_RATE_SHARE),
         Method.VWSS: points_ns(everything),
-        Method.EPR: points_ns(everything),
+        Method.EPR: epr_ns,
         Method.PCSS: raster_ns,
     }
     cut_out_ns = view_count * _cut_out_ns_a_view(snapshot, estimates, texels)
