@@ -19,8 +19,7 @@
 // What is stored deeper than the receiver by more does not hide it: beyond a silhouette the tangent plane runs away along the ray while
 // the surface ends.
 const float MAX_DEEPER_FOOTPRINTS = 8.0;
-// What stands nearer than the receiver by more is not the receiver, although the plane of one seen edge-on may pass before it: there
-// only what lies in the plane is.
+// What stands nearer than the receiver by more may be something else, although the plane of one seen edge-on passes before it.
 const float MAX_NEARER_FOOTPRINTS = 8.0;
 // What stands before the receiver by less may touch it within a texel: so steep are walls that are told from outlines.
 const float CONTACT_FOOTPRINTS = 16.0;
@@ -45,14 +44,17 @@ bool is_of_point(float depth) {
 #endif
 }
 
+// Whether a stored point lies in the tangent plane of a receiver at depth z or below it.
+bool is_below(float depth, float height, float z, float footprint) {
+    float bias_footprints = is_of_point(depth) ? POINT_BIAS_FOOTPRINTS : RASTER_BIAS_FOOTPRINTS;
+    float reach = MAX_NEARER_FOOTPRINTS * footprint;
+    return height <= bias_footprints * footprint + BIAS_ANGLE * min(abs(depth - z), reach) + depth_rounding(z);
+}
+
 // Whether what a texel stores leaves a receiver at depth z in sight. height: of the stored point above the receiver's tangent plane.
 bool leaves_in_sight(float depth, float height, float z, float footprint) {
-    float reach = MAX_NEARER_FOOTPRINTS * footprint;
-    float rounding = depth_rounding(z);
-    float bias_footprints = is_of_point(depth) ? POINT_BIAS_FOOTPRINTS : RASTER_BIAS_FOOTPRINTS;
-    float tolerance = bias_footprints * footprint + BIAS_ANGLE * min(abs(depth - z), reach) + rounding;
-    bool is_plane = height <= tolerance && (depth >= z - reach || abs(height) <= COPLANAR_FOOTPRINTS * footprint + rounding);
-    return is_plane || depth >= z + MAX_DEEPER_FOOTPRINTS * footprint;
+    bool is_near = depth >= z - MAX_NEARER_FOOTPRINTS * footprint || abs(height) <= COPLANAR_FOOTPRINTS * footprint + depth_rounding(z);
+    return (is_near && is_below(depth, height, z, footprint)) || depth >= z + MAX_DEEPER_FOOTPRINTS * footprint;
 }
 
 const int SEEN = 0;
@@ -122,7 +124,8 @@ int sight(int k, vec3 p, vec3 normal_fs) {
     if (leaves_in_sight(own.depth, own.height, p.z, own.footprint)) {
         return SEEN;
     }
-    return is_of_point(own.depth) || own.depth > p.z - CONTACT_FOOTPRINTS * own.footprint ? UNDECIDED : HIDDEN;
+    bool is_far = own.depth <= p.z - CONTACT_FOOTPRINTS * own.footprint;
+    return is_of_point(own.depth) || !is_far || is_below(own.depth, own.height, p.z, own.footprint) ? UNDECIDED : HIDDEN;
 }
 
 // Whether a point is seen that its own texel left undecided.
@@ -131,16 +134,27 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs) {
     ivec2 toward = ivec2(own.offset.x > 0.0 ? 1 : -1, own.offset.y > 0.0 ? 1 : -1);
     vec2 facing_step = own.facing_step * vec2(toward);
     float contact = CONTACT_FOOTPRINTS * own.footprint;
+    bool at_outline = false;
 #ifdef POINT_MAPS
     // A texel is covered if a point lies anywhere in it, which enlarges outlines by half a texel all around. Asking all
     // four texels around the place shrinks them by as much.
     float depth_x = stored_depth(own.address + ivec2(toward.x, 0));
     float depth_y = stored_depth(own.address + ivec2(0, toward.y));
     float depth_xy = stored_depth(own.address + toward);
-    bool at_outline = is_of_point(own.depth) &&
-                      (leaves_in_sight(depth_x, height_of(own, depth_x, facing_step.x), p.z, own.footprint) ||
-                       leaves_in_sight(depth_y, height_of(own, depth_y, facing_step.y), p.z, own.footprint) ||
-                       leaves_in_sight(depth_xy, height_of(own, depth_xy, facing_step.x + facing_step.y), p.z, own.footprint));
+    at_outline = is_of_point(own.depth) &&
+                 (leaves_in_sight(depth_x, height_of(own, depth_x, facing_step.x), p.z, own.footprint) ||
+                  leaves_in_sight(depth_y, height_of(own, depth_y, facing_step.y), p.z, own.footprint) ||
+                  leaves_in_sight(depth_xy, height_of(own, depth_xy, facing_step.x + facing_step.y), p.z, own.footprint));
+#endif
+    if (is_below(own.depth, own.height, p.z, own.footprint)) {
+        // Nearer by much and yet not above the plane: that is how a surface curves away from a receiver that the light grazes, as well as any
+        // place of what stands before it. Only the latter reaches to the plane's upper side.
+        vec2 slope = own.facing_step / max(max(abs(own.facing_step.x), abs(own.facing_step.y)), 1e-30);
+        ivec2 up = ivec2(round(slope));
+        float depth_up = stored_depth(own.address + up);
+        return at_outline || leaves_in_sight(depth_up, height_of(own, depth_up, dot(own.facing_step, vec2(up))), p.z, own.footprint);
+    }
+#ifdef POINT_MAPS
     if (own.depth <= p.z - contact) {
         return at_outline;
     }

@@ -111,6 +111,13 @@ def leaning_board() -> ContactScene:
     return ContactScene(_made(meshes, light, (0.4, -3.0, 1.0), (0.0, 0.0, 0.2), 0.35))
 
 
+def wall_on_a_grazed_floor() -> ContactScene:
+    """The light hardly rises above the floor, so places of the wall lie above and below what a receiver sees edge-on."""
+    meshes = [floor(4.0), box("wall", (-1.0, 0.0, 0.3), (0.05, 0.8, 0.3), turn_rad=0.2)]
+    light = area_light(eye=(-6.0, 0.3, 0.0), target=(0.0, 0.0, 0.0), size_m=(0.3, 0.03))
+    return ContactScene(_made(meshes, light, (0.6, -2.6, 1.6), (-0.3, 0.0, 0.1), 0.4))
+
+
 # shadow where nothing is in the way
 
 
@@ -197,6 +204,7 @@ SCENES: dict[str, Callable[[], ContactScene]] = {
     "cube on a floor": cube_on_a_floor,
     "sphere on a floor": sphere_on_a_floor,
     "leaning board": leaning_board,
+    "wall on a grazed floor": wall_on_a_grazed_floor,
     "lit room": lit_room,
     "grazed quads": grazed_quads,
     "coarse waves, flat": lambda: coarse_waves(False),
