@@ -39,23 +39,24 @@ def prepare(scene: bpy.types.Scene, resolution: tuple[int, int]) -> None:
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
 
 
-def render(scene: bpy.types.Scene, samples: int, seed: int = 0, *, has_shadows: bool = True) -> tuple[np.ndarray, float]:
-    """(height, width) float32 irradiance, row 0 at the bottom, and the seconds that the whole render took, its file included."""
+def render(scene: bpy.types.Scene, samples: int, seed: int = 0, *, has_shadows: bool = True) -> tuple[np.ndarray, float, float]:
+    """(height, width) float32 irradiance, row 0 at the bottom; the seconds that the render took, writing its file included and reading it
+    not, waited and of all processors."""
     scene.cycles.samples, scene.cycles.seed = samples, seed
     casts = {shown: shown.visible_shadow for shown in scene.objects}
     for shown, own in casts.items():
         shown.visible_shadow = own and has_shadows
     with tempfile.TemporaryDirectory() as folder:
         scene.render.filepath = str(Path(folder) / "image")
-        start_s = time.perf_counter()
+        start_s, start_cpu_s = time.perf_counter(), time.process_time()
         bpy.ops.render.render(write_still=True)
-        taken_s = time.perf_counter() - start_s
+        taken_s, taken_cpu_s = time.perf_counter() - start_s, time.process_time() - start_cpu_s
         with OpenEXR.File(str(next(Path(folder).glob("image*.exr")))) as file:
             pixels = next(iter(file.channels().values())).pixels
     for shown, own in casts.items():
         shown.visible_shadow = own
     red = pixels[..., 0] if pixels.ndim == 3 else pixels
-    return red[::-1].astype(np.float32), taken_s
+    return red[::-1].astype(np.float32), taken_s, taken_cpu_s
 
 
 class CyclesReference:
@@ -63,7 +64,7 @@ class CyclesReference:
 
     def __init__(self, scene: bpy.types.Scene, samples: int) -> None:
         """Half of the samples each with another seed: what the halves differ by tells the noise."""
-        self.unshadowed, _ = render(scene, max(64, samples // 4), seed=1, has_shadows=False)
+        self.unshadowed = render(scene, max(64, samples // 4), seed=1, has_shadows=False)[0]
         self.judged = self.unshadowed > DELIVERED_FLOOR * np.percentile(self.unshadowed[self.unshadowed > 0], 95)
         first, second = (self.ratio_of(render(scene, samples // 2, seed)[0]) for seed in (2, 3))
         self.ratio = (first + second) / 2

@@ -1,4 +1,4 @@
-"""python -m tests.benchmarks [--quick] [--only NAME] [--rounds N] [--model FILE] [--output FOLDER] [--device NAME]
+"""python -m tests.benchmarks [--quick] [--peers] [--only NAME] [--rounds N] [--model FILE] [--output FOLDER] [--device NAME]
 
 Prints tables and puts them into bench.json and bench.md, beside those of other benches that are there. Run it on a machine that does
 nothing else: only ratios within one run mean anything.
@@ -52,7 +52,8 @@ NAMES = [*BENCHMARKS, *PEERS]
 
 def parse_options() -> tuple[Options, list[str]]:
     parser = argparse.ArgumentParser(
-        prog="python -m tests.benchmarks", description="Time VIR against rasterizing every view and against Cycles."
+        prog="python -m tests.benchmarks",
+        description="Time VIR's methods against rasterizing every view, and against Cycles and EEVEE.",
     )
     parser.add_argument("--quick", action="store_true", help="small sizes, to see that it works; the figures mean nothing")
     parser.add_argument("--only", action="append", choices=NAMES, metavar="NAME", help=f"one of {', '.join(NAMES)}; may be repeated")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import statistics
 from typing import Any
@@ -31,6 +30,7 @@ COLUMNS = (
     Column("points_ms", "prepared, ms", "{:.0f}"),
     Column("view_ms", "a view, ms", "{:.1f}"),
     Column("total_ms", "all, ms", "{:.0f}"),
+    Column("cpu_ms", "processors, ms", "{:.0f}"),
     Column("speedup", "mvr / this", "{:.2f}"),
 )
 
@@ -61,10 +61,12 @@ def measure(triangle_count: int, options: Options, device: Device) -> BenchTable
     view_count, resolution_px = options.pick(64, 16), options.pick(1024, 256)
     snapshot = sphere_snapshot(triangle_count, *options.pick((960, 540), (240, 135)), has_floor=False)
     maps = LightMaps(snapshot, device)
-    competitors = {}
+    competitors, left_out = {}, {}
     for name, settings in variants(view_count, resolution_px).items():
-        with contextlib.suppress(UsageError):  # what this device cannot run
+        try:
             competitors[name] = planned_variant(snapshot, settings, device)
+        except UsageError as error:
+            left_out[name] = str(error)
     covered = {name: maps.covered(variant) for name, variant in competitors.items()}
     rounds = options.round_count()
     timings = take_turns({name: lambda v=variant: maps.time(v) for name, variant in competitors.items()}, rounds)
@@ -88,6 +90,7 @@ def measure(triangle_count: int, options: Options, device: Device) -> BenchTable
                 "view_ms": statistics.median(timing.maps_ms for timing in timings[name]) / view_count,
                 "total_ms": statistics.median(total_ms),
                 "total_ms_by_round": total_ms,
+                "cpu_ms": statistics.median(timing.cpu_ms for timing in timings[name]),
                 "speedup": median_ratio(baseline_ms, total_ms),
                 "speedup_by_round": round_ratios(baseline_ms, total_ms),
             }
@@ -98,7 +101,8 @@ def measure(triangle_count: int, options: Options, device: Device) -> BenchTable
             f"Medians of {rounds} rounds in which all methods take turns; 'mvr / this' is the median of the rounds' ratios. "
             f"'texels missed': of the texels that mvr covers in the last batch of maps, outlines included. "
             "'replayed': what is left after the first batch of views. 'prepared, ms': making them once; bufferless makes them for every "
-            "batch, within the time of a view."
+            "batch, within the time of a view. 'processors': of all threads, for all."
+            + "".join(f" Without {name}: {reason}." for name, reason in left_out.items())
         ),
         columns=COLUMNS,
         rows=rows,

@@ -13,7 +13,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from vir_addon.core.plan import plan
+from vir_addon.core.plan import AUTO_METHODS, plan
 from vir_addon.core.render import render
 from vir_addon.core.settings import Method, Settings
 from vir_addon.device.open import open_device
@@ -67,7 +67,7 @@ def run(options: Options) -> list[BenchTable]:
     triangles, resolution_px, size = options.pick((2_000_000, 1024, "960x540"), (100_000, 256, "240x135"))
     most_views = options.pick(128, 32)
     rows = []
-    for method in (Method.MVR, Method.IVIR):
+    for method in AUTO_METHODS:
         for views in (8, most_views):
             arguments = [str(triangles), str(views), str(resolution_px), size, method.value, options.device_name]
             command = [sys.executable, "-m", "tests.benchmarks.memory", *arguments]

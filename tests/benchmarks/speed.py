@@ -1,7 +1,7 @@
 """Depth maps of whole scenes by every method against rasterizing every view: is what `auto` takes as fast as what there is?
 
 Each scene is a bench of its own. Methods come from the Method enum, as the plan would run them; the table says which cannot make a light's
-maps and which are not tried because the plan predicts several times what mvr takes.
+maps and which are not tried because the plan predicts that they take longer than mvr.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class SpeedScene:
     baseline_batches: int | None = None
     """of mvr; the others are taken to cost as much. None: all"""
     patience: float = 1.5
-    """A method that takes so many times longer than mvr is stopped and left out of later rounds."""
+    """A method that takes this many times as long as mvr is stopped and left out of later rounds."""
 
 
 def snapshot_of(build: Callable[..., None], **sizes: int) -> SceneSnapshot:
@@ -187,7 +187,7 @@ def method_rows(competitors: dict[Method, Competitor]) -> list[dict[str, Any]]:
 
 def verdict_rows(rows: list[dict[str, Any]], methods: list[Method], chosen: Method, asked: Asked) -> list[dict[str, Any]]:
     """What `auto` takes, the fastest, the fastest with points, and how far `auto` is from the fastest."""
-    by_method = dict(zip(methods, rows, strict=False))
+    by_method = dict(zip(methods, rows, strict=True))
 
     def row(compared: str, method: Method, **more: float) -> dict[str, Any]:
         own = by_method[method]
@@ -247,7 +247,8 @@ def measure(scene: SpeedScene, small: SceneSnapshot, device: Device) -> list[Ben
     table = BenchTable(
         title=title,
         compared=(
-            f"Depth maps alone, batched as in a render; medians of {scene.rounds} rounds in which all take turns. {partly}'mvr / this' is "
+            "Depth maps alone, batched as in a render. Fitting the views, the same for all, is not counted. "
+            f"Medians of {scene.rounds} rounds in which all take turns. {partly}'mvr / this' is "
             "the median of the rounds' ratios; 'processors' is the processor time of all threads, which other work on the machine disturbs "
             f"less. A method that takes {scene.patience:g} times as long as mvr is stopped, and its time that of all batches if they cost "
             "alike. 'peak': of the process, Blender and the scene included."
@@ -259,7 +260,7 @@ def measure(scene: SpeedScene, small: SceneSnapshot, device: Device) -> list[Ben
     chosen = possible[Method.AUTO].planned
     verdict = BenchTable(
         title=f"{scene.title}: what is asked",
-        compared=f"The plan: {chosen.reason}.",
+        compared=f"The plan: {chosen.reason}. 'Fastest' is by processor time.",
         columns=VERDICT_COLUMNS,
         rows=verdict_rows(rows, list(variants), chosen.method, scene.asked),
     )

@@ -52,7 +52,7 @@ def render_once(scene: bpy.types.Scene, method: Method, view_count: int, resolut
 
 
 def render_cycles_once(scene: bpy.types.Scene, samples: int) -> dict[str, Any]:
-    _, taken_s = cycles.render(scene, samples)
+    _, taken_s, _ = cycles.render(scene, samples)
     return {"total_ms": taken_s * 1e3, "stage_ms": {}, "how": f"{CYCLES}, {samples} samples"}
 
 
@@ -63,8 +63,10 @@ def run(options: Options) -> list[BenchTable]:
     cycles.prepare(scene, resolution)
     device = open_device(options.device_name)
     try:
-        # the light is an area light
-        methods = [m for m in Method if m is not Method.EPR and (m is not Method.VWSS or device.stores_from_fragments)]
+        left_out = {Method.EPR: "the light is an area light", Method.PCSS: "it has one map"}
+        if not device.stores_from_fragments:
+            left_out[Method.VWSS] = "this device refuses it"
+        methods = [method for method in Method if method not in left_out]
         jobs = {method.value: lambda m=method: render_once(scene, m, sample_count, resolution, device) for method in methods}
         first = {name: job() for name, job in jobs.items()}
         results = take_turns({**jobs, CYCLES: lambda: render_cycles_once(scene, sample_count)}, round_count)
@@ -95,6 +97,7 @@ def run(options: Options) -> list[BenchTable]:
                 "scene to the written EXR; 'first' is its first render, which also compiles shaders. Cycles: `render.render` on the CPU "
                 "with as many samples as VIR has views, the same scene and size, white diffuse, direct light with shadows, no bounces, no "
                 "denoising; its picture is the light's contribution with noise, not a ratio."
+                + "".join(f" Without {method.value}: {reason}." for method, reason in left_out.items())
             ),
             columns=(
                 Column("asked", "renderer"),
