@@ -11,7 +11,7 @@ void main() {
         for (int x = tile.x * 16; x < min(tile.x * 16 + 16, width); x++) {
             vec4 rounds = texelFetch(round_sums, ivec2(x, y), 0);
             if (rounds.y > 0.0) {
-                sums += vec2(rounds.z / (rounds.y * rounds.y), 1.0);
+                sums += vec2(rounds.z / rounds.y / rounds.y, 1.0);
             }
         }
     }

@@ -44,8 +44,11 @@ void add_to_pass(int turn, ivec2 pixel, bool surface, vec2 sums) {
     if (surface || repeats != 1.0) {
         vec4 before = repeats * imageLoad(round_sums, pixel);
         // Welford's way, for a ratio: (s - R d) of the ratio R before this round times that of the one after it
-        float deviation = sums.x * before.y - sums.y * before.x;
-        float squared = before.y > 0.0 ? deviation * deviation / (before.y * (before.y + sums.y)) : 0.0;
+        float squared = 0.0;
+        if (before.y > 0.0) {
+            float deviation = sums.x - sums.y * (before.x / before.y);
+            squared = deviation * deviation * (before.y / (before.y + sums.y));
+        }
         imageStore(round_sums, pixel, before + vec4(sums, squared, surface ? 1.0 : 0.0));
     }
 #endif

@@ -27,6 +27,7 @@ from .tables import BenchTable
 
 LOG_WIDTH = 160
 """characters of a line where there is no terminal to ask"""
+RECORD_KEYS = frozenset({"measured_with", "machine", "tables"})
 Run = Callable[[Options], list[BenchTable]]
 BENCHMARKS: dict[str, Run] = {
     "closed_surface": speed.closed_surface,
@@ -82,8 +83,9 @@ def machine(device_name: str) -> dict[str, Any]:
 
 
 def known_record(path: Path) -> dict[str, Any]:
-    """What earlier runs into the same folder left: benches that take long are run one by one."""
-    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    """What earlier runs into the same folder left: benches that take long are run one by one. Files of other versions are not read."""
+    found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    return {name: entry for name, entry in found.items() if name in BENCHMARKS | PEERS and set(entry) >= RECORD_KEYS}
 
 
 def write_record(folder: Path, record: dict[str, Any]) -> None:

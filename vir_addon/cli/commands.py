@@ -59,6 +59,7 @@ def run_render(arguments: argparse.Namespace, console: Console) -> None:
     from ..blender.job import frame_jobs
     from ..core.exr import write_exr
     from ..core.files import check_writable
+    from ..core.plan import check_device
     from ..device.open import open_device
 
     frames = arguments.frames or [scene.frame_current]
@@ -73,6 +74,8 @@ def run_render(arguments: argparse.Namespace, console: Console) -> None:
                 for folder in [arguments.output, *([arguments.stats.parent] if arguments.stats else [])]:
                     check_writable(folder)
                 device = open_device(arguments.device)
+            for job in jobs.values():
+                check_device(job.plan, device)
             target = arguments.output / f"{arguments.scene.stem}_{frame:04d}.exr"
             layers = {name: _render_layer(job, device, console, f"frame {frame} {name}") for name, job in jobs.items()}
             start = time.perf_counter()

@@ -21,9 +21,10 @@ RASTER_NS_PER_TEXEL = 4.0
 CUT_OUT_NS_PER_TEXEL = 20.0
 """looking an opacity map up and what the rasterizer does besides"""
 GENERATE_NS_PER_TRIANGLE = 300.0
-GENERATE_NS_PER_POINT = 60.0
-SPLAT_NS_PER_POINT = 9.0
-"""13 for a point that is replayed; about a third is found hidden after the first batch"""
+GENERATE_NS_PER_POINT = 120.0
+"""105 of a closed surface of 2 million triangles, 260 of a scanned model"""
+SPLAT_NS_PER_POINT = 14.0
+"""of those generated: 13 where nearly half is found hidden after the first batch, 19 where nothing is"""
 CLEAR_NS_PER_TEXEL = 1.0
 POINT_BYTES = 16
 GATHER_NS_PER_TRIANGLE = 150.0
@@ -189,7 +190,8 @@ def estimate_methods(
     )
     everything = np.ones_like(few_points)
     # splats cover texels as micro's triangles do, and what is large is cut into few
-    epr_ns = face_count * triangles * GENERATE_NS_PER_TRIANGLE + view_count * (
+    walks = 1 if settings.points is PointStorage.BUFFERED else batch_count
+    epr_ns = walks * face_count * triangles * GENERATE_NS_PER_TRIANGLE + view_count * (
         float(facing.sum()) * SMALL_NS_PER_TRIANGLE + covered * SMALL_NS_PER_TEXEL + texels * CLEAR_NS_PER_TEXEL
     )
     nanoseconds = {

@@ -133,8 +133,6 @@ class LightWork:
             view_count=planned.view_count,
             map_resolution_px=planned.map_resolution_px,
         )
-        if self.taps:
-            self.statistics.blocker_sample_count, self.statistics.filter_sample_count = self.taps.counts
         self.faces: list[LightFace] = []
         self.mapped: list[LightFace] = []
         """those that dispatches are for"""
@@ -161,6 +159,7 @@ class LightWork:
             self.faces = [self._face(fitted, culled) for fitted in fitted_faces]
             if self.taps and self.faces:
                 self.look_up = PERCENTAGE_CLOSER
+                self.statistics.blocker_sample_count, self.statistics.filter_sample_count = self.taps.counts
             # faces without casters need no map: the first dispatch looks them up too, or one of their own if there is no other
             self.mapped = [face for face in self.faces if face[2] is not None] or self.faces[:1]
             self.masks = [1 << fitted.views.face.index for fitted, _, _ in self.mapped]

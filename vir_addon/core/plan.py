@@ -138,9 +138,12 @@ def _eye_samples_per_batch(most_views: int, batch_count: int) -> int:
 
 
 def _batch_count(most_views: int, map_resolution_px: int) -> int:
-    """Eight maps of 1024^2 and 2048^2 a batch; larger maps in smaller batches, so that a batch stays below 128 MiB of depth."""
+    """Eight maps of 1024^2 and 2048^2 a batch; larger maps in smaller batches, so that a batch stays below 128 MiB of depth. Where so
+    few batches have too few eye samples, more and smaller ones."""
     per_batch = max(1, min(MAX_BATCH_VIEWS, MAX_BATCH_VIEWS * 2048**2 // map_resolution_px**2))
-    return max(math.ceil(most_views / per_batch), MIN_EYE_SAMPLES)
+    batch_count = math.ceil(most_views / per_batch)
+    has_enough = batch_count * _eye_samples_per_batch(most_views, batch_count) >= MIN_EYE_SAMPLES
+    return batch_count if has_enough else MIN_EYE_SAMPLES
 
 
 def _chosen_lights(snapshot: SceneSnapshot, settings: Settings) -> list[Light]:
@@ -173,9 +176,12 @@ def _plan_light(
         reason, surface_value = skipped
         return PlannedPass(light.name, pass_name, runs=False, reason=reason, surface_value=surface_value)
     _refuse_what_the_method_cannot_do(light, settings)
-    view_count = settings.view_count if light.has_size and settings.method is not Method.PCSS else 1
+    is_filtered = settings.method is Method.PCSS and light.has_size
+    view_count = settings.view_count if light.has_size and not is_filtered else 1
+    taps = MAX_EYE_SAMPLES * max(settings.blocker_sample_count, settings.filter_sample_count)
+    sample_count = taps if is_filtered else view_count
     reason = _describe(light) if light.has_size else f"{_describe(light)} without size: one view, a hard shadow"
-    if not may_shadow(snapshot, light, bounds, receiver_boxes.reshape(-1, 3), settings.view_count if light.has_size else 1):
+    if not may_shadow(snapshot, light, bounds, receiver_boxes.reshape(-1, 3), sample_count):
         return PlannedPass(
             light.name,
             pass_name,
@@ -184,13 +190,17 @@ def _plan_light(
             view_count=view_count,
             map_resolution_px=settings.map_resolution_px,
             needs_maps=False,
-            predicted_ms=cost.resolve_ms(snapshot, view_count),
+            # its light is looked up by other samples than views
+            method=Method.PCSS if is_filtered else Method.MVR,
+            predicted_ms=cost.resolve_ms(snapshot, sample_count),
         )
     face_count = _likely_face_count(light, places_ws)
-    batch_count = min(_batch_count(view_count, settings.map_resolution_px), view_count)
-    estimates = cost.estimate_methods(snapshot, light, view_count, settings, bounds, face_count, batch_count)
-    is_filtered = settings.method is Method.PCSS and light.has_size
-    look_ups_ms = face_count * cost.resolve_ms(snapshot, view_count)
+    batch_count = _batch_count(view_count, settings.map_resolution_px)
+    # where there are fewer views than batches each batch shows one again
+    map_count = 1 if is_filtered else max(view_count, batch_count)
+    estimates = cost.estimate_methods(snapshot, light, map_count, settings, bounds, face_count, batch_count)
+    look_up_count = max(view_count, batch_count * _eye_samples_per_batch(view_count, batch_count))
+    look_ups_ms = face_count * cost.resolve_ms(snapshot, look_up_count)
     if is_filtered:
         look_ups_ms = cost.filter_ms(snapshot, settings, MAX_EYE_SAMPLES)
     has_cut_outs = any(snapshot.meshes[index].opacity_map is not None for index in _caster_meshes(snapshot, light))

@@ -173,8 +173,7 @@ class ModernglRasterKernel(RasterKernel):
                 vertex_array.render(vertices=3 * count, first=3 * first)
         if self.declaration.images:
             context.memory_barrier()
-        # a software rasterizer fills texels of what it was given while it places the next draw's vertices
-        self.device.flush()
+        self.device.hand_over()
 
 
 class ModernglGeometryKernel(GeometryKernel):
@@ -252,7 +251,9 @@ class ModernglDevice(Device):
         # moderngl clears with float colours only, which is undefined for unsigned textures; drawing or writing takes 4 to 7 times longer
         clear = ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_uint))
         self._clear_unsigned = clear(native.load("glClearBufferuiv"))
-        self.flush: Callable[[], None] = ctypes.CFUNCTYPE(None)(native.load("glFlush"))
+        flush = ctypes.CFUNCTYPE(None)(native.load("glFlush"))
+        # a software rasterizer fills texels of what it was given while it places the next draw's vertices; a GPU gains nothing from it
+        self.hand_over: Callable[[], None] = flush if "llvmpipe" in info["GL_RENDERER"] else lambda: None
 
     def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
         if threading.get_ident() == self._thread_id:
