@@ -4,7 +4,7 @@ PYTHON := .venv/bin/python
 PYTHON_LTS := .venv-lts/bin/python
 DEMO_BLEND := out/still_life.blend
 DEMO_PASSES := out/passes
-# e.g. BENCH_OPTIONS="--model dragon.ply.gz --rounds 3"
+# of `make bench` and `make bench-peers`, e.g. BENCH_OPTIONS="--model dragon.ply.gz --rounds 3"
 BENCH_OPTIONS ?=
 # What both Blenders must do; tests/lts adds what only 4.5 does.
 LTS_TESTS := tests/lts tests/blender tests/core/test_exr.py tests/test_registration.py tests/test_extension.py
@@ -16,7 +16,7 @@ help:
 	@echo "make demo       render the demo scene's passes into $(DEMO_PASSES)"
 	@echo "make test       the tests that take seconds each"
 	@echo "make test-all   all tests, and the Blender 4.5 LTS job"
-	@echo "make bench      time its methods against rasterizing every view, and how times grow"
+	@echo "make bench      time VIR's methods against rasterizing every view; how times grow, memory, Cycles"
 	@echo "make bench-peers  error against time: Cycles, Cycles denoised, EEVEE"
 	@echo "make check      lint, format, types, composition of every shader"
 	@echo "make extension  the zip for Blender, into dist/"
@@ -41,13 +41,13 @@ demo: setup $(DEMO_BLEND)
 	@echo "Done. The passes (EXR), their previews and the contact sheet (PNG) are in $(CURDIR)/$(DEMO_PASSES)"
 
 test: setup
-	$(PYTHON) -m pytest -m "not slow and not bench"
+	$(PYTHON) -m pytest -m "not slow"
 
 test-all: setup test-lts
-	$(PYTHON) -m pytest -m "not bench"
+	$(PYTHON) -m pytest
 
 test-lts: setup-lts
-	$(PYTHON_LTS) -m pytest -m "not slow and not bench" $(LTS_TESTS)
+	$(PYTHON_LTS) -m pytest -m "not slow" $(LTS_TESTS)
 
 bench: setup
 	$(PYTHON) -m tests.benchmarks $(BENCH_OPTIONS)

@@ -1,7 +1,5 @@
 """Triangles, normals and closedness against Blender's own slow accessors and against shapes with a known answer."""
 
-import time
-
 import numpy as np
 import pytest
 
@@ -212,16 +210,3 @@ def test_a_missing_triangle_among_many_is_noticed():
     assert mesh.is_closed
     for missing in (0, 40000, 81919):
         assert not is_closed(np.delete(mesh.triangles, missing, axis=0), mesh.vertex_count)
-
-
-@pytest.mark.bench
-def test_two_million_triangles_take_less_than_half_a_second():
-    data = shade(primitive("create_grid", x_segments=1000, y_segments=1000, size=1.0), True)
-    seconds = []
-    for _ in range(5):
-        data.update()  # so that Blender computes the normals anew
-        start_s = time.perf_counter()
-        mesh = extract_mesh(data, "grid").mesh
-        seconds.append(time.perf_counter() - start_s)
-    assert mesh.triangle_count == 2_000_000
-    assert min(seconds) < 0.5

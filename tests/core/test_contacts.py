@@ -19,6 +19,7 @@ MVR, IVIR = Method.MVR, Method.IVIR
         ("leaning board", 512, IVIR, 0.025),
         ("stairs", 512, MVR, 0.005),
         ("stairs", 512, IVIR, 0.015),
+        # the light is within a degree of the floor, where what stands within 8 footprints may be lost: measured 0.083 and 0.116
         ("wall on a grazed floor", 512, MVR, 0.1),
         ("wall on a grazed floor", 512, IVIR, 0.13),
     ],
@@ -42,22 +43,19 @@ def test_no_acne_on_what_is_lit(device, name, method):
 
 
 @pytest.mark.parametrize(
-    ("name", "method", "acne"),
+    ("name", "of_mvr", "of_ivir"),
     [
-        ("cube on a floor", MVR, 0.001),
-        ("cube on a floor", IVIR, 0.006),
-        ("sphere on a floor", MVR, 0.001),
-        ("sphere on a floor", IVIR, 0.03),
-        ("coarse sphere, flat", MVR, 0.001),
-        ("coarse sphere, flat", IVIR, 0.015),
-        ("coarse sphere, smooth", MVR, 0.001),
-        ("coarse sphere, smooth", IVIR, 0.004),
-        ("fine sphere, flat", MVR, 0.001),
-        ("fine sphere, flat", IVIR, 0.01),
+        ("cube on a floor", 0.001, 0.006),
+        ("sphere on a floor", 0.001, 0.03),
+        ("coarse sphere, flat", 0.001, 0.015),
+        ("coarse sphere, smooth", 0.001, 0.004),
+        pytest.param("fine sphere, flat", 0.001, 0.01, marks=pytest.mark.slow),
     ],
 )
-def test_what_is_seen_edge_on_does_not_shadow_itself(device, name, method, acne):
+def test_what_is_seen_edge_on_does_not_shadow_itself(device, name, of_mvr, of_ivir):
     """A cube's side that the light grazes within a degree, and spheres where their light ends."""
-    error = Measurement(SCENES[name](), device).error(method, 512)
-    print(error)
-    assert error.acne <= acne
+    measurement = Measurement(SCENES[name](), device)
+    mvr, ivir = (measurement.error(method, 512) for method in (MVR, IVIR))
+    print(mvr, ivir)
+    assert mvr.acne <= of_mvr
+    assert ivir.acne <= of_ivir

@@ -21,7 +21,6 @@ from tests.scenes import (
     prepared_renderer,
     rectangle,
     render_batches,
-    render_pass,
     rmse,
     snapshot,
     spot_light,
@@ -84,8 +83,14 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("is_watertight", [True, False])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    ("case", "is_watertight"),
+    [
+        pytest.param(case, is_watertight, marks=() if is_watertight or case in ("room", "leaves") else pytest.mark.slow)
+        for case in CASES
+        for is_watertight in (True, False)
+    ],
+)
 def test_maps_are_the_rasterizer_s(device, case, is_watertight):
     """Splats have no holes, whatever their density, and points lie within their texel. With the published density nearly all are splats."""
     name, width, map_px, of_points_at_least, may_miss = CASES[case]
@@ -112,7 +117,7 @@ def test_maps_are_the_rasterizer_s(device, case, is_watertight):
     assert of_points >= of_points_at_least * covered or not is_watertight
 
 
-@pytest.mark.parametrize("name", ["room", "sphere", "leaves"])
+@pytest.mark.parametrize("name", ["room", *(pytest.param(name, marks=pytest.mark.slow) for name in ("sphere", "leaves"))])
 def test_passes_agree_with_multiview_rasterization(device, name):
     error = error_against_rasterization(made(name), device, Method.EPR, map_resolution_px=512)
     print(f"{name}: RMSE {error:.5f}")
@@ -148,8 +153,9 @@ def test_far_fewer_points_than_for_every_texel(device):
     assert counts[Method.EPR, 160] < 0.2 * counts[Method.IVIR, 160]
 
 
-def test_portions_and_bufferless_make_the_same_picture(device):
-    check_portions(made("room", 480, 270), device, 2, method=Method.EPR)
+@pytest.mark.parametrize("view_count", [2, pytest.param(16, marks=pytest.mark.slow)])
+def test_portions_and_bufferless_make_the_same_picture(device, view_count):
+    check_portions(made("room", 480, 270), device, 2, method=Method.EPR, view_count=view_count)
 
 
 # eq. 6
@@ -208,10 +214,15 @@ def test_sizes_change_in_steps_and_texels_with_the_ladder(device):
 
 def test_size_alone_changes_nothing(device, monkeypatch):
     """With texels of the same size a map that reaches farther shows the same shadow: steps of the size cannot be seen."""
-    scene, arguments = made("room"), {"method": Method.EPR, "view_count": 16}
-    first = render_pass(scene, device, **arguments)
-    monkeypatch.setattr("vir_addon.core.views.MAP_SIZE_STEP_PX", 96)
-    np.testing.assert_array_equal(render_pass(scene, device, **arguments), first)
+    scene, images, sizes_px = made("room"), [], []
+    for step_px in (MAP_SIZE_STEP_PX, 112):
+        monkeypatch.setattr("vir_addon.core.views.MAP_SIZE_STEP_PX", step_px)
+        with prepared_renderer(scene, device, method=Method.EPR, view_count=16) as renderer:
+            render_batches(renderer)
+            images.append(renderer.read_passes()["VIR Shadow Key"])
+            sizes_px.append(renderer.works[0].statistics.map_resolution_px)
+    assert sizes_px[0] != sizes_px[1]
+    np.testing.assert_array_equal(*images)
 
 
 @pytest.mark.parametrize("is_orthographic", [False, True])

@@ -40,8 +40,14 @@ def rasterizing_device(device):
 
 
 @pytest.mark.parametrize(("storage", "culling"), [(PointStorage.BUFFERED, False), (PointStorage.BUFFERLESS, True)])
-@pytest.mark.parametrize("map_px", [64, 256])
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    ("name", "map_px"),
+    [
+        pytest.param(name, map_px, marks=pytest.mark.slow if map_px == 256 and name != "room" else ())
+        for name in SCENES
+        for map_px in (64, 256)
+    ],
+)
 def test_the_same_texels_are_covered(rasterizing_device, name, map_px, storage, culling):
     """With triangles of a part of a texel, of some and of many."""
     scene, device = made(name), rasterizing_device

@@ -26,6 +26,7 @@ from tests.scenes import (
     sun_light,
     with_opacity,
 )
+from vir_addon.core.methods.pcss import PercentageCloserSoftShadows
 from vir_addon.core.plan import plan
 from vir_addon.core.render import render
 from vir_addon.core.scene import LightShape
@@ -158,11 +159,18 @@ def test_same_bits_and_nothing_settles_wrongly(device):
     assert rmse(first, render_pass(scene, device, method=Method.PCSS, resolve=Resolve.FULL)) <= 1e-3
 
 
-def test_maps_are_kept_as_long_as_there_is_memory(device):
+def test_maps_are_kept_as_long_as_there_is_memory(device, monkeypatch):
     scene = dataclasses.replace(still_life(64, 36), lights=(area_light("A", eye=(2, -2, 5)), point_light("B", eye=(-2, -2, 4))))
-    kept, dropped = (render_passes(scene, device, method=Method.PCSS, replay_buffer_mib=budget) for budget in (256, 1))
-    for name, image in kept.items():
-        np.testing.assert_array_equal(image, dropped[name])
+    make, makers, passes = PercentageCloserSoftShadows._make, [], []
+    monkeypatch.setattr(PercentageCloserSoftShadows, "_make", lambda method: (makers[-1].append(method), make(method)))
+    for budget in (256, 1):
+        makers.append([])
+        passes.append(render_passes(scene, device, method=Method.PCSS, replay_buffer_mib=budget))
+    kept, dropped = makers
+    assert len(kept) == len(set(kept)) > 1
+    assert len(dropped) > len(set(dropped)) == len(kept)
+    for name, image in passes[0].items():
+        np.testing.assert_array_equal(image, passes[1][name])
 
 
 def test_cut_outs_are_there_in_a_share_of_batches(device):
