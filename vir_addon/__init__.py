@@ -1,3 +1,3 @@
-"""VIR: shadow and reflection passes from one point cloud a frame."""
+"""VIR: soft-shadow passes, one per light."""
 
 __version__ = "0.1.0"

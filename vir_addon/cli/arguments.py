@@ -124,7 +124,8 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=defaults.culling_area_texels,
         metavar="TEXELS",
-        help="ivir and hybrid cull smaller triangles at random: 0.1 (default) as published, 0.125 as in the preprint, 0 none",
+        help="ivir, hybrid and the points of epr cull smaller triangles at random; at most 1: 0.1 (default) as published, 0.125 as in the "
+        "preprint, 0 none",
     )
     parser.add_argument(
         "--views",
@@ -153,7 +154,7 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         type=partial(_parse_choice, Resolve),
         default=defaults.resolve,
         metavar="full|adaptive",
-        help="adaptive only probes what 16 samples find wholly lit or dark: faster, error below 0.002; default: adaptive",
+        help="adaptive only probes what 16 samples find wholly lit or dark: faster, error below 0.001; default: adaptive",
     )
     parser.add_argument("--resolution", type=parse_resolution, metavar="960x540", help="of the picture; default: the scene's")
 

@@ -72,7 +72,7 @@ class PassStatistics:
     kept_point_count: int = 0
     """points replayed after the first batch of views has found the others hidden; 0 when none were left out"""
     culled_triangle_count: int = 0
-    """triangles so small that ivir and hybrid culled them at random"""
+    """triangles so small that ivir, hybrid and epr culled them at random"""
     small_triangle_count: int = 0
     """triangles of a few texels that are replayed for all views; 0 but for micro"""
     kept_small_triangle_count: int = 0

@@ -76,7 +76,8 @@ class Settings:
     light_names: tuple[str, ...] | None = None
     """None: every light that the scene shows"""
     stochastic_culling: bool = True
-    """ivir, hybrid: cull triangles of an area A below T texels with probability 1 - A / T (Gavane & Watson 2022, section 3.2)"""
+    """ivir, hybrid, points of epr: cull triangles of an area A below T texels with probability 1 - A / T (Gavane & Watson 2022,
+    section 3.2)"""
     culling_area_texels: float = 0.1
     """T: a tenth as published in 2022; the preprint of 2020 (section 3.3) has an eighth"""
     resolve: Resolve = Resolve.ADAPTIVE
@@ -95,8 +96,8 @@ class Settings:
     filter_sample_count: int = 64
     """pcss: taps of the filter that the blockers' depth decides the width of"""
     replay_buffer_mib: int = 256
-    """memory for what views replay (points, small triangles) of all lights; what does not fit is processed in portions, or made again when
-    its turn comes"""
+    """memory for what views replay (points, small triangles, maps of pcss) of all lights; what does not fit is processed in portions,
+    or made again when its turn comes"""
 
     def __post_init__(self) -> None:
         if not 1 <= self.view_count <= 4096:
