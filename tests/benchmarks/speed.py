@@ -36,7 +36,7 @@ from .timing import median_ratio
 SIZE_PX = (480, 270)
 """of the picture, which only decides what the views are fitted to"""
 DRAGON_TRIANGLES = 871_414
-FOREST_BATCHES = 2
+FOREST_BATCHES = 1
 HOPELESS_SHARE = 1.0
 """of mvr's predicted time: methods that are there to be compared are compared where they have a chance"""
 WARM_UP_RESOLUTION_PX = 128
