@@ -10,6 +10,9 @@ import time
 import numpy as np
 import pytest
 
+from vir_addon.cli.commands import jobs_of
+from vir_addon.core.settings import Settings
+
 bpy = pytest.importorskip("bpy")
 OpenEXR = pytest.importorskip("OpenEXR")
 
@@ -215,6 +218,25 @@ def test_ctrl_c_before_the_first_picture(blend, folder, step):
     assert process.returncode == 130, errors
     assert errors == "vir: stopped; files that were written are whole\n"
     assert "wrote" not in printed and not list(output.glob("*"))
+
+
+def test_ctrl_c_while_blender_calls_scripts(blend, capfd):
+    """Blender prints what its handlers and engines raise, and drops it."""
+    bpy.ops.wm.open_mainfile(filepath=str(blend))
+    scene = bpy.context.scene
+    steps = []
+
+    def interrupt(*_):
+        signal.raise_signal(signal.SIGINT)
+
+    bpy.app.handlers.frame_change_post.append(interrupt)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            jobs_of(scene, scene.frame_current, Settings(), (64, 36), steps.append)
+    finally:
+        bpy.app.handlers.frame_change_post.remove(interrupt)
+    assert "KeyboardInterrupt" not in capfd.readouterr().err
+    assert steps == []  # nothing was begun after it
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no SIGINT for other processes")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +12,10 @@ from rich.console import Console
 
 from ..core.errors import DeviceError
 from ..core.pass_set import PassSet
+from ..core.settings import Settings
 from . import report
 from .arguments import settings_of
-from .interrupts import kept_interrupts
+from .interrupts import held_interrupts
 from .progress import ShownProgress
 
 if TYPE_CHECKING:
@@ -33,7 +35,7 @@ def import_blender() -> None:
 
 def open_scene(arguments: argparse.Namespace) -> Any:
     """The bpy.types.Scene that the arguments name."""
-    with kept_interrupts(held_back=True):
+    with held_interrupts():
         import_blender()
         from ..blender.open_file import open_blend, scene_named
 
@@ -44,19 +46,30 @@ def open_scene(arguments: argparse.Namespace) -> Any:
 def run_plan(arguments: argparse.Namespace, console: Console) -> None:
     settings = settings_of(arguments)
     scene = open_scene(arguments)
-    from ..blender.job import frame_jobs
-
     for frame in arguments.frames or [scene.frame_current]:
-        with kept_interrupts():
-            jobs = frame_jobs(scene, frame, settings, arguments.resolution)
+        jobs = jobs_of(scene, frame, settings, arguments.resolution, lambda step: None)
         for job in jobs.values():
             report.print_plan(console, job.snapshot, job.plan)
+
+
+def jobs_of(
+    scene: Any, frame: int, settings: Settings, resolution: tuple[int, int] | None, on_step: Callable[[str], None]
+) -> dict[str, LayerJob]:
+    """Ctrl-C ends it with the current step."""
+    from ..blender.job import frame_jobs
+
+    with held_interrupts() as stop_if_asked:
+
+        def begin_step(step: str) -> None:
+            stop_if_asked()
+            on_step(step)
+
+        return frame_jobs(scene, frame, settings, resolution, begin_step)
 
 
 def run_render(arguments: argparse.Namespace, console: Console) -> None:
     settings = settings_of(arguments)
     scene = open_scene(arguments)
-    from ..blender.job import frame_jobs
     from ..core.exr import write_exr
     from ..core.files import check_writable
     from ..core.plan import check_device
@@ -67,8 +80,8 @@ def run_render(arguments: argparse.Namespace, console: Console) -> None:
     records: list[dict[str, Any]] = []
     try:
         for frame in frames:
-            with kept_interrupts(), ShownProgress(console, f"frame {frame}") as shown:
-                jobs = frame_jobs(scene, frame, settings, arguments.resolution, shown.large_step)
+            with ShownProgress(console, f"frame {frame}") as shown:
+                jobs = jobs_of(scene, frame, settings, arguments.resolution, shown.large_step)
             if device is None:
                 # after the first plan, as a wrong light name should not wait for a device; before the first picture, which would be lost
                 for folder in [arguments.output, *([arguments.stats.parent] if arguments.stats else [])]:
