@@ -10,22 +10,38 @@ import numpy as np
 from tests.ray_tracing import delivered, nearest_blocker, samples_in_world, surfaces_at, world_triangles
 from tests.scenes import area_light, box, bumpy_sphere, floor, leaves, perspective_camera, point_light, rectangle, snapshot
 from vir_addon.core.sampling import light_samples, sample_weights
-from vir_addon.core.scene import SceneSnapshot
+from vir_addon.core.scene import Mesh, SceneSnapshot
 
 DELIVERED_FLOOR = 0.01
 """Of what the brightest pixel receives. What receives less is not compared: rounding decides what the light grazes."""
 
 
-def still_life(width: int, height: int) -> SceneSnapshot:
-    """Few large shapes on a floor: where penumbrae are as for parallel planes, mostly."""
-    meshes = [
+def still_life_meshes() -> list[Mesh]:
+    return [
         floor(3.0),
         box("box", (-0.9, 0.3, 0.5), (0.4, 0.5, 0.5), turn_rad=0.4),
         bumpy_sphere("ball", (0.8, 0.0, 0.8), 0.6, 8, smooth=False),
         rectangle("leaf", (-0.2, -1.2, 0.7), (0.7, 0.1, 0.3), (0.0, 0.6, 0.2)),
     ]
+
+
+def room_meshes() -> list[Mesh]:
+    """Walls beside and behind what stands in the middle."""
+    return [
+        floor(3.0),
+        rectangle("left wall", (-3, -3, 0), (0, 6, 0), (0, 0, 3)),
+        rectangle("right wall", (3, -3, 0), (0, 0, 3), (0, 6, 0)),
+        rectangle("back wall", (-3, 3, 0), (6, 0, 0), (0, 0, 3)),
+        box("pillar", (-1.8, 0.6, 1.2), (0.2, 0.2, 1.2), turn_rad=0.3),
+        box("shelf", (1.9, 0.2, 1.6), (0.5, 0.8, 0.05)),
+        bumpy_sphere("ball", (0.5, 0.8, 1.0), 0.5, 7, smooth=False),
+    ]
+
+
+def still_life(width: int, height: int) -> SceneSnapshot:
+    """Few large shapes on a floor: where penumbrae are as for parallel planes, mostly."""
     camera = perspective_camera((0.5, -6.0, 3.5), (0.0, 0.0, 0.5), width, height)
-    return snapshot(meshes, [area_light(eye=(2.0, -2.0, 5.0), target=(0, 0, 0.5))], camera, width, height)
+    return snapshot(still_life_meshes(), [area_light(eye=(2.0, -2.0, 5.0), target=(0, 0, 0.5))], camera, width, height)
 
 
 def foliage(width: int, height: int) -> SceneSnapshot:
@@ -37,17 +53,8 @@ def foliage(width: int, height: int) -> SceneSnapshot:
 
 def room(width: int, height: int) -> SceneSnapshot:
     """A lamp in the middle, whose cube's faces share shadows."""
-    meshes = [
-        floor(3.0),
-        rectangle("left wall", (-3, -3, 0), (0, 6, 0), (0, 0, 3)),
-        rectangle("right wall", (3, -3, 0), (0, 0, 3), (0, 6, 0)),
-        rectangle("back wall", (-3, 3, 0), (6, 0, 0), (0, 0, 3)),
-        box("pillar", (-1.8, 0.6, 1.2), (0.2, 0.2, 1.2), turn_rad=0.3),
-        box("shelf", (1.9, 0.2, 1.6), (0.5, 0.8, 0.05)),
-        bumpy_sphere("ball", (0.5, 0.8, 1.0), 0.5, 7, smooth=False),
-    ]
     camera = perspective_camera((0.2, -6.5, 1.6), (0.0, 0.0, 1.4), width, height, 0.45)
-    return snapshot(meshes, [point_light(eye=(0.0, 0.3, 1.9), radius_m=0.2)], camera, width, height)
+    return snapshot(room_meshes(), [point_light(eye=(0.0, 0.3, 1.9), radius_m=0.2)], camera, width, height)
 
 
 SCENES: dict[str, Callable[[int, int], SceneSnapshot]] = {"still life": still_life, "foliage": foliage, "room": room}

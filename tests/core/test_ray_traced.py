@@ -3,18 +3,15 @@
 import numpy as np
 import pytest
 
+from tests.penumbrae import room_meshes, still_life_meshes
 from tests.ray_tracing import bracket_pass
 from tests.scenes import (
     METHODS_AND_HYBRID,
     area_light,
-    box,
-    bumpy_sphere,
     camera_from_above,
-    floor,
     perspective_camera,
     point_light,
     prepared_renderer,
-    rectangle,
     render_batches,
     rmse,
     snapshot,
@@ -28,28 +25,13 @@ VIEWS = 16
 
 
 def still_life(light, **arguments):
-    meshes = [
-        floor(3.0),
-        box("box", (-0.9, 0.3, 0.5), (0.4, 0.5, 0.5), turn_rad=0.4),
-        bumpy_sphere("ball", (0.8, 0.0, 0.8), 0.6, 8, smooth=False),
-        rectangle("leaf", (-0.2, -1.2, 0.7), (0.7, 0.1, 0.3), (0.0, 0.6, 0.2)),
-    ]
     camera = arguments.pop("camera", perspective_camera((0.5, -6.0, 3.5), (0.0, 0.0, 0.5), WIDTH, HEIGHT))
-    return snapshot(meshes, [light], camera, WIDTH, HEIGHT, **arguments)
+    return snapshot(still_life_meshes(), [light], camera, WIDTH, HEIGHT, **arguments)
 
 
 def room(light, camera):
     """Walls beside and behind the light, seen far off its axis."""
-    meshes = [
-        floor(3.0),
-        rectangle("left wall", (-3, -3, 0), (0, 6, 0), (0, 0, 3)),
-        rectangle("right wall", (3, -3, 0), (0, 0, 3), (0, 6, 0)),
-        rectangle("back wall", (-3, 3, 0), (6, 0, 0), (0, 0, 3)),
-        box("pillar", (-1.8, 0.6, 1.2), (0.2, 0.2, 1.2), turn_rad=0.3),
-        box("shelf", (1.9, 0.2, 1.6), (0.5, 0.8, 0.05)),
-        bumpy_sphere("ball", (0.5, 0.8, 1.0), 0.5, 7, smooth=False),
-    ]
-    return snapshot(meshes, [light], camera, WIDTH, HEIGHT)
+    return snapshot(room_meshes(), [light], camera, WIDTH, HEIGHT)
 
 
 FAR_LIGHT = area_light(eye=(2.0, -2.0, 5.0), target=(0, 0, 0.5))

@@ -199,10 +199,11 @@ def _plan_light(
     # where there are fewer views than batches each batch shows one again
     map_count = 1 if is_filtered else max(view_count, batch_count)
     estimates = cost.estimate_methods(snapshot, light, map_count, settings, bounds, face_count, batch_count)
-    look_up_count = max(view_count, batch_count * _eye_samples_per_batch(view_count, batch_count))
-    look_ups_ms = face_count * cost.resolve_ms(snapshot, look_up_count)
     if is_filtered:
         look_ups_ms = cost.filter_ms(snapshot, settings, MAX_EYE_SAMPLES)
+    else:
+        look_up_count = max(view_count, batch_count * _eye_samples_per_batch(view_count, batch_count))
+        look_ups_ms = face_count * cost.resolve_ms(snapshot, look_up_count)
     has_cut_outs = any(snapshot.meshes[index].opacity_map is not None for index in _caster_meshes(snapshot, light))
     if settings.method is Method.AUTO:
         # what the rasterizer draws into splatted maps loses half a texel at every outline, and lace is nothing but outlines
