@@ -9,7 +9,6 @@ import numpy as np
 from ..device.interface import ComputeKernel, Device, Texture, TextureFormat
 from ..device.owned import Owned
 from .bounds import cullable_instances
-from .eye_pixels import eye_pixels
 from .fit import FittedFace, fit_light, light_hull, select_receivers
 from .methods import depth_map_method
 from .methods.base import DepthMapMethod, FaceJob
@@ -146,7 +145,7 @@ class LightWork:
         with stopwatch.stage("points"):
             snapshot, bounds = self.scene_data.snapshot, self.plan.bounds
             receivers = select_receivers(positions, normals, self.light)
-            pixels = eye_pixels(snapshot) if self.planned.method is Method.EPR else None
+            pixels = self.scene_data.eye_pixels if self.planned.method is Method.EPR else None
             searched_m = self.taps.samples_m if self.taps else None
             resolution_px = self.planned.map_resolution_px
             fitted_faces, is_cube = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, resolution_px, pixels, searched_m)

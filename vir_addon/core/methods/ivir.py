@@ -14,7 +14,6 @@ import numpy as np
 
 from ...device.declaration import KernelDeclaration
 from ...device.owned import Owned
-from ..eye_pixels import eye_pixels
 from ..passes.scene_data import WORK_GROUP_SIZE
 from ..passes.shadow_maps import (
     BUFFER_TILES,
@@ -84,7 +83,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
             "face": self.face_table,
             "hull_box": hull_box(seen_space["hull"][:, :3], bounds),
             "window_bounds": bounds,
-            "eye": eye_pixels(self.scene_data.snapshot).table(fitted.views),
+            "eye": self.scene_data.eye_pixels.table(fitted.views),
         }
         self.sampling_flags = ["WATERTIGHT"] * self.settings.watertight + ["STOCHASTIC_CULLING"] * self.settings.stochastic_culling
         self.sampling_flags += self.projection_flags

@@ -18,6 +18,7 @@ import numpy as np
 from ...device.declaration import Sampled
 from ...device.interface import Device, DeviceMesh, Draw, Texture, split_integers
 from ...device.owned import Owned
+from ..eye_pixels import eye_pixels
 from ..scene import Mesh, SceneSnapshot
 from .opacity_maps import OpacityMaps
 
@@ -55,6 +56,7 @@ class SceneData:
 
     def __init__(self, snapshot: SceneSnapshot, device: Device) -> None:
         self.snapshot, self.device = snapshot, device
+        self.eye_pixels = eye_pixels(snapshot)
         self._drawables: dict[int, DeviceMesh] = {}
         meshes = snapshot.meshes
         vertex_counts = [mesh.vertex_count for mesh in meshes]
