@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from vir_addon.core.scene import Extension  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.core.material import Extension  # noqa: E402  (bpy decides whether this file runs)
 
 SQUARE = ([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2, 3)])
 UVS = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])

@@ -23,9 +23,9 @@ from tests.scenes import (
     with_opacity,
 )
 from vir_addon.core.bounds import compute_bounds
+from vir_addon.core.material import Extension
 from vir_addon.core.passes.eye import EyePass
 from vir_addon.core.passes.scene_data import SceneData
-from vir_addon.core.scene import Extension
 from vir_addon.core.settings import Method
 
 RASTERIZED = (Method.MVR, Method.MICRO)

@@ -15,7 +15,8 @@ import bpy
 import mathutils
 import numpy as np
 
-from ..core.scene import Extension, LeftOut, OpacityMap
+from ..core.material import Extension
+from ..core.scene import LeftOut, OpacityMap
 from .image_texels import LUMINANCE, Channel, UnreadableImage, has_encoded_color, read_texels, srgb_to_linear
 
 UvRows = tuple[tuple[float, float, float], tuple[float, float, float]]

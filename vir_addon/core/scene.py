@@ -12,19 +12,13 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
-
-class Extension(enum.Enum):
-    """What an image is beyond its edges."""
-
-    REPEAT = "repeat"
-    MIRROR = "mirror"
-    EXTEND = "extend"
-    CLIP = "clip"
-    """texels of value 0"""
+from .material import Extension, Layer, Material, Rgb, World
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +63,11 @@ class Mesh:
     """None: opaque"""
     uvs: np.ndarray | None = None
     """(vertex_count, 2) float32 places in the opacity map, whose corners are (0, 0) and (1, 1); with an opacity map only"""
+    material_slot: np.ndarray | None = None
+    """(triangle_count,) uint8 into an entry of `SceneSnapshot.material_sets`; None: 0 throughout"""
+    layers: Mapping[Layer, np.ndarray] = field(default_factory=lambda: MappingProxyType({}))
+    """(triangle_count, 3, 2) float32 uvs or (triangle_count, 3, 3) float32 linear colours of every triangle's corners, those that materials
+    ask for; only in snapshots with materials"""
 
     @property
     def vertex_count(self) -> int:
@@ -102,6 +101,11 @@ class Instances:
     """(instance_count,) bool: `visible_shadow` of the object"""
     stable_id: np.ndarray
     """(instance_count,) uint32 made from names and persistent ids; does not change when other objects come or go"""
+    material_set: np.ndarray | None = None
+    """(instance_count,) int32 into `SceneSnapshot.material_sets`; None: a snapshot without materials"""
+    reflector_mark: np.ndarray | None = None
+    """(instance_count,) int8 what the artist asks for (custom property `vir_reflector`): 1 a reflector, 0 none, -1 what the material
+    calls for; None: a snapshot without materials"""
 
     def __len__(self) -> int:
         return len(self.mesh_index)
@@ -157,6 +161,8 @@ class Light:
     """share of the cone, counted in the cosine of the angle to the axis, over which a spot fades"""
     cone_scale: tuple[float, float] = (1.0, 1.0)
     """factors by which a spot's cone is wider along x and y: the object's scale there over that along z"""
+    strength_rgb: Rgb | None = None
+    """`strength` of the red, green and blue channel, whose luminance it is; None: `strength` in each"""
 
     @property
     def radius_m(self) -> float:
@@ -234,6 +240,12 @@ class SceneSnapshot:
     left_out: tuple[LeftOut, ...] = ()
     notes: tuple[str, ...] = ()
     """decisions taken on the way in that the user should know, e.g. about the render border"""
+    materials: tuple[Material, ...] = ()
+    """empty unless asked for, as everything about materials"""
+    material_sets: tuple[tuple[int, ...], ...] = ()
+    """what the slots of objects hold: indices into `materials`, at least one each"""
+    world: World | None = None
+    """None: a snapshot without materials"""
     extract_ms: float = field(default=0.0, compare=False)
 
     @property

@@ -20,7 +20,8 @@ import numpy as np
 from ...device.declaration import Constant, RasterDeclaration, Sampled, Varying
 from ...device.interface import Device, Texture, split_integers
 from ...device.owned import Owned
-from ..scene import Extension, Mesh, OpacityMap, SceneSnapshot
+from ..material import Extension
+from ..scene import Mesh, OpacityMap, SceneSnapshot
 
 OPACITY_TEXELS = 128
 """of 256 opacities"""
