@@ -45,7 +45,32 @@ SKIPPED = {
     "does not shine on": (spot_light(eye=(0, 0, 5), target=(0, 0, 9)), 0.0),
     "light linking leaves it nothing": (area_light(receivers=np.zeros(2, bool)), 1.0),
     "nothing casts its shadow": (area_light(blockers=np.zeros(2, bool)), 1.0),
+    "switched off for this light": (area_light(is_wanted=False), 1.0),
 }
+
+
+@pytest.mark.parametrize(
+    ("switch", "kept", "gone"), [("soft_shadows", {"Lamp", "Spot"}, {"Key", "Sun"}), ("omni_shadows", {"Key", "Sun"}, {"Lamp", "Spot"})]
+)
+def test_effects_can_be_switched_off(switch, kept, gone):
+    scene = scene_with(area_light(), sun_light(name="Sun"), point_light(name="Lamp"), spot_light(name="Spot"))
+    lines = plan(scene, Settings(**{switch: False})).passes
+    assert {line.light_name for line in lines if line.runs} == kept
+    assert {line.light_name for line in lines if "switched off" in line.reason} == gone
+
+
+def test_a_light_with_its_own_views_is_as_right_as_with_those_of_all(device):
+    """Few views beside many: each light is looked up as often as the others, so the combined pass must not change its weight."""
+
+    def lights(own_view_count):
+        return area_light(name="Key"), area_light(name="Fill", eye=(3, -2, 4), own_view_count=own_view_count)
+
+    alike, unlike = (render_passes(scene_with(*lights(count)), device, view_count=64) for count in (None, 24))
+    (few,) = (line for line in plan(scene_with(*lights(24)), Settings(view_count=64)).passes if line.light_name == "Fill")
+    assert few.view_count == 24
+    for name in ("VIR Shadow Fill", "VIR Shadow"):
+        assert np.sqrt(((alike[name] - unlike[name]) ** 2).mean()) < 0.02
+    assert np.array_equal(alike["VIR Shadow Key"], unlike["VIR Shadow Key"])
 
 
 @pytest.mark.parametrize("reason", SKIPPED)

@@ -6,6 +6,8 @@ from typing import Any
 
 import bpy
 
+from . import properties
+
 CLI_COMMAND = "vir"
 """`blender --command vir render scene.blend ...` is `python -m vir_addon render scene.blend ...`"""
 
@@ -15,13 +17,17 @@ _handles: list[Any] = []
 
 def register() -> None:
     """Called by Blender when the extension is enabled. Touches no GPU: in background that would break Blender."""
+    properties.register()
     _handles.append(bpy.utils.register_cli_command(CLI_COMMAND, run_command))
 
 
 def unregister() -> None:
     """Called by Blender when the extension is disabled. Undoes `register` in reverse."""
+    if not _handles:
+        return
     while _handles:
         bpy.utils.unregister_cli_command(_handles.pop())
+    properties.unregister()
 
 
 def run_command(arguments: list[str]) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import bpy
 import numpy as np
@@ -43,6 +44,8 @@ class LightRow:
     has_soft_falloff: bool
     cone_rad: float
     cone_blend: float
+    is_wanted: bool
+    own_view_count: int | None
 
 
 def read_light(item: bpy.types.DepsgraphObjectInstance) -> LightRow:
@@ -50,6 +53,7 @@ def read_light(item: bpy.types.DepsgraphObjectInstance) -> LightRow:
     data = light_object.data
     shape = _OTHER_SHAPES.get(data.type) or _AREA_SHAPES[data.shape]
     size_x_m, size_y_m = _read_sizes(data, shape)
+    wishes: Any = getattr(data, "vir", None)  # there while the extension is enabled
     return LightRow(
         object_name=light_object.name,
         instancer_name=item.parent.name if item.is_instance else None,
@@ -65,6 +69,8 @@ def read_light(item: bpy.types.DepsgraphObjectInstance) -> LightRow:
         has_soft_falloff=shape.is_omni and data.use_soft_falloff,
         cone_rad=data.spot_size if shape is LightShape.SPOT else 2.0 * math.pi,
         cone_blend=data.spot_blend if shape is LightShape.SPOT else 0.0,
+        is_wanted=wishes is None or wishes.use_pass,
+        own_view_count=wishes.view_count if wishes is not None and wishes.use_own_views else None,
     )
 
 
@@ -149,6 +155,8 @@ def place_light(row: LightRow, name: str, world_origin_m: np.ndarray) -> Light |
         cone_rad=row.cone_rad,
         cone_blend=row.cone_blend,
         cone_scale=_cone_scale(row),
+        is_wanted=row.is_wanted,
+        own_view_count=row.own_view_count,
     )
 
 

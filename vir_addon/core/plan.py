@@ -171,13 +171,14 @@ def _plan_light(
 ) -> PlannedPass:
     """in_picture: (instance_count,) bool; places_ws: (n, 3) of `_visible_places`"""
     receiver_boxes = bounds.corners_ws[in_picture if light.receivers is None else in_picture & light.receivers]
-    skipped = _reason_to_skip(snapshot, light, bool(in_picture.any()), receiver_boxes)
+    skipped = _unwanted(light, settings) or _reason_to_skip(snapshot, light, bool(in_picture.any()), receiver_boxes)
     if skipped is not None:
         reason, surface_value = skipped
         return PlannedPass(light.name, pass_name, runs=False, reason=reason, surface_value=surface_value)
     _refuse_what_the_method_cannot_do(light, settings)
     is_filtered = settings.method is Method.PCSS and light.has_size
-    view_count = settings.view_count if light.has_size and not is_filtered else 1
+    wanted_count = settings.view_count if light.own_view_count is None else light.own_view_count
+    view_count = wanted_count if light.has_size and not is_filtered else 1
     taps = MAX_EYE_SAMPLES * max(settings.blocker_sample_count, settings.filter_sample_count)
     sample_count = taps if is_filtered else view_count
     reason = _describe(light) if light.has_size else f"{_describe(light)} without size: one view, a hard shadow"
@@ -288,6 +289,17 @@ def _likely_face_count(light: Light, places_ws: np.ndarray) -> int:
     if len(faces) == 1:
         return 1
     return sum(bool((np.abs(p_fs[:, :2]) <= p_fs[:, 2:]).all(axis=1).any()) for p_fs in (p @ face.face_from_world.T for face in faces))
+
+
+def _unwanted(light: Light, settings: Settings) -> tuple[str, float] | None:
+    """As `_reason_to_skip`, for what the artist has switched off."""
+    if not light.is_wanted:
+        return "skipped: switched off for this light", 1.0
+    if light.shape.is_omni and not settings.omni_shadows:
+        return "skipped: omni shadows are switched off", 1.0
+    if not light.shape.is_omni and not settings.soft_shadows:
+        return "skipped: soft shadows are switched off", 1.0
+    return None
 
 
 def _reason_to_skip(  # noqa: PLR0911  a list of reasons

@@ -18,6 +18,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from .errors import UsageError
 from .material import Extension, Layer, Material, Rgb, World
 
 
@@ -163,6 +164,14 @@ class Light:
     """factors by which a spot's cone is wider along x and y: the object's scale there over that along z"""
     strength_rgb: Rgb | None = None
     """`strength` of the red, green and blue channel, whose luminance it is; None: `strength` in each"""
+    is_wanted: bool = True
+    """False: the artist has switched its pass off"""
+    own_view_count: int | None = None
+    """the artist's own number of views for this light instead of that of the settings"""
+
+    def __post_init__(self) -> None:
+        if self.own_view_count is not None and not 1 <= self.own_view_count <= 4096:
+            raise UsageError(f"the views of {self.name!r} must be 1 to 4096, not {self.own_view_count}")
 
     @property
     def radius_m(self) -> float:

@@ -75,6 +75,10 @@ class Settings:
     map_resolution_px: int = 1024
     light_names: tuple[str, ...] | None = None
     """None: every light that the scene shows"""
+    soft_shadows: bool = True
+    """of area lights and suns; without, their passes are white and nothing is made for them"""
+    omni_shadows: bool = True
+    """likewise of point lights and spots"""
     stochastic_culling: bool = True
     """ivir, hybrid, points of epr: cull triangles of an area A below T texels with probability 1 - A / T (Gavane & Watson 2022,
     section 3.2)"""

@@ -1,0 +1,191 @@
+"""Settings live in the .blend: what is set survives saving, appending and linking, and files of older versions are brought up to date."""
+
+import dataclasses
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from vir_addon import blender  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.blender import properties  # noqa: E402
+from vir_addon.core.errors import UsageError  # noqa: E402
+from vir_addon.core.plan import plan  # noqa: E402
+from vir_addon.core.quality import map_resolution_of_views, quality_of_views, views_of_quality  # noqa: E402
+from vir_addon.core.settings import Method, Settings  # noqa: E402
+
+
+@pytest.fixture
+def registered(scene):
+    blender.register()
+    yield scene
+    blender.unregister()
+
+
+def save(tmp_path, name="saved.blend"):
+    path = tmp_path / name
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, check_existing=False)
+    return path
+
+
+def open_file(path):
+    bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+    return bpy.context.scene
+
+
+def linked_lights(path, link: bool):
+    with bpy.data.libraries.load(str(path), link=link) as (source, target):
+        target.lights = source.lights
+    return target.lights
+
+
+def test_an_untouched_scene_asks_for_the_cores_defaults(registered):
+    assert properties.settings_of(registered) == Settings()
+
+
+def test_every_setting_of_the_core_can_be_set(registered):
+    chosen = {
+        "method": "IVIR", "points": "BUFFERLESS", "point_generation": "RASTERIZER", "view_count": 24, "map_resolution_px": 512,
+        "use_soft_shadows": False, "use_omni_shadows": False, "stochastic_culling": False, "culling_area_texels": 0.5, "resolve": "FULL",
+        "cull_hidden": False, "watertight": False, "small_triangle_points": 5, "back_faces": True, "views_per_thread": 2,
+        "blocker_sample_count": 7, "filter_sample_count": 9, "replay_buffer_mib": 100,
+    }  # fmt: skip
+    for name, value in chosen.items():
+        setattr(registered.vir, name, value)
+    wanted, default = properties.settings_of(registered), Settings()
+    # light_names belongs to the command line: the panel has a switch on each light
+    same = [field.name for field in dataclasses.fields(Settings) if getattr(wanted, field.name) == getattr(default, field.name)]
+    assert same == ["light_names"]
+
+
+def test_the_panel_offers_what_the_core_has(registered):
+    for name, kind in (("method", Method), ("device", None)):
+        offered = [item.identifier for item in registered.vir.bl_rna.properties[name].enum_items]
+        assert kind is None or offered[0] == "AUTO"
+        assert kind is None or {choice.value.upper() for choice in kind} == set(offered)
+
+
+def test_every_property_says_what_it_does(registered):
+    for group in properties.CLASSES:
+        for described in group.bl_rna.properties:
+            if described.identifier not in ("rna_type", "name"):
+                assert described.name and described.description and not described.description.endswith("."), described.identifier
+                for item in getattr(described, "enum_items", ()):
+                    assert item.description, f"{described.identifier} {item.identifier}"
+
+
+def test_choices_that_exclude_each_other_are_an_error_in_words(registered):
+    registered.vir.method, registered.vir.points = "MVR", "BUFFERLESS"
+    with pytest.raises(UsageError, match="mvr"):
+        properties.settings_of(registered)
+
+
+def test_the_slider_and_the_numbers_say_the_same(registered):
+    group = registered.vir
+    for quality in (0.0, 0.2, 0.5, 0.9, 1.0):
+        group.quality = quality
+        assert group.view_count == views_of_quality(quality) and group.map_resolution_px == map_resolution_of_views(group.view_count)
+        assert group.quality == pytest.approx(quality, abs=0.05), "more than half a batch away"
+    group.view_count = 64
+    assert group.quality == pytest.approx(0.5)
+
+
+def test_quality_is_monotonic_and_in_whole_batches():
+    steps = [views_of_quality(step / 100) for step in range(-5, 106)]
+    assert steps == sorted(steps) and steps[0] == 8 and steps[-1] == 512 and all(count % 8 == 0 for count in steps)
+    assert all(views_of_quality(quality_of_views(count)) == count for count in steps)
+    assert (quality_of_views(1), quality_of_views(4096)) == (0.0, 1.0)
+
+
+def test_settings_survive_saving_and_opening(registered, add, tmp_path):
+    lamp = add.light("Key")
+    registered.vir.method, registered.vir.view_count, registered.vir.preview_slice_ms = "EPR", 40, 120.0
+    lamp.data.vir.use_own_views, lamp.data.vir.view_count, lamp.vir.reflector = True, 12, "NEVER"
+    scene = open_file(save(tmp_path))
+    assert (scene.vir.method, scene.vir.view_count, scene.vir.preview_slice_ms) == ("EPR", 40, 120.0)
+    assert scene.vir.version == properties.VERSION
+    lamp = bpy.data.objects["Key"]
+    assert (lamp.data.vir.use_own_views, lamp.data.vir.view_count, lamp.vir.reflector) == (True, 12, "NEVER")
+    assert lamp.data.vir.version == properties.VERSION
+
+
+@pytest.mark.parametrize("link", [True, False], ids=["linked", "appended"])
+def test_settings_of_lights_come_along(registered, add, tmp_path, link):
+    add.light("Key").data.vir.use_pass = False
+    path = save(tmp_path)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    (light,) = linked_lights(path, link)
+    assert not light.vir.use_pass and light.vir.version == properties.VERSION
+
+
+def test_files_that_never_used_vir_are_not_touched(registered, add, tmp_path):
+    lamp = add.light("Key")
+    assert registered.vir.quality == pytest.approx(0.5) and lamp.vir.reflector == "AUTO" and lamp.data.vir.use_pass
+    scene = open_file(save(tmp_path))
+    for group in (scene.vir, bpy.data.lights["Key"].vir):
+        assert group.version == 0 and not properties.stored_values(group).keys()
+    assert properties.REFLECTOR_PROPERTY not in bpy.data.objects["Key"]
+
+
+@pytest.fixture
+def later_version(monkeypatch):
+    """A version in which lights count their views in batches of eight, under another name."""
+
+    def count_in_batches(group):
+        held = properties.stored_values(group)
+        if "view_count" in held:
+            held["batches"] = held["view_count"] // 8
+
+    monkeypatch.setattr(properties, "VERSION", properties.VERSION + 1)
+    monkeypatch.setitem(properties.MIGRATIONS, properties.VERSION - 1, count_in_batches)
+
+
+@pytest.mark.parametrize("way", ["opened", "appended", "linked"])
+def test_older_files_are_brought_up_to_date_once(registered, add, tmp_path, request, way):
+    add.light("Key").data.vir.view_count = 48
+    path = save(tmp_path)
+    request.getfixturevalue("later_version")
+    if way == "opened":
+        open_file(path)
+        light = bpy.data.lights["Key"]
+    else:
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        (light,) = linked_lights(path, link=way == "linked")
+    assert light.vir.version == properties.VERSION
+    assert properties.stored_values(light.vir)["batches"] == 6
+    properties.stored_values(light.vir)["view_count"] = 800
+    light.use_fake_user = True
+    open_file(save(tmp_path, "again.blend"))
+    if way != "linked":
+        assert properties.stored_values(bpy.data.lights["Key"].vir)["batches"] == 6, "brought up to date twice"
+
+
+def test_settings_of_a_newer_version_are_left_as_they_are(registered, tmp_path):
+    registered.vir.view_count = 40
+    registered.vir.version = properties.VERSION + 5
+    scene = open_file(save(tmp_path))
+    assert properties.is_newer(scene.vir) and scene.vir.version == properties.VERSION + 5 and scene.vir.view_count == 40
+
+
+def test_a_file_opens_without_the_extension_and_keeps_its_settings(registered, tmp_path):
+    registered.vir.view_count = 40
+    path = save(tmp_path)
+    blender.unregister()
+    try:
+        open_file(path)
+        path = save(tmp_path, "without.blend")
+    finally:
+        blender.register()
+    assert open_file(path).vir.view_count == 40
+
+
+def test_lights_wishes_reach_the_plan(registered, add, take):
+    add.cube()
+    add.light("Key", location=(0.0, -3.0, 3.0)).data.vir.use_own_views = True
+    bpy.data.lights["Key"].vir.view_count = 24
+    add.light("Off", location=(1.0, -3.0, 3.0)).data.vir.use_pass = False
+    add.light("Lamp", "POINT", location=(0.0, -3.0, 3.0), data={"shadow_soft_size": 0.2})
+    registered.vir.use_omni_shadows = False
+    lines = {planned.light_name: planned for planned in plan(take(resolution=(32, 18)), properties.settings_of(registered)).passes}
+    assert lines["Key"].runs and lines["Key"].view_count == 24
+    assert not lines["Off"].runs and "switched off for this light" in lines["Off"].reason
+    assert not lines["Lamp"].runs and "omni shadows are switched off" in lines["Lamp"].reason
