@@ -1,4 +1,4 @@
-"""The only folder that imports bpy. Registration here; the rest is imported when it is first used."""
+"""The only folder that imports bpy. Registration here; what reads scenes and renders is imported when it is first used."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from . import properties
+from . import devices, frame_state, operators, properties
 
 CLI_COMMAND = "vir"
 """`blender --command vir render scene.blend ...` is `python -m vir_addon render scene.blend ...`"""
@@ -18,6 +18,9 @@ _handles: list[Any] = []
 def register() -> None:
     """Called by Blender when the extension is enabled. Touches no GPU: in background that would break Blender."""
     properties.register()
+    for registered in operators.CLASSES:
+        bpy.utils.register_class(registered)
+    bpy.app.handlers.load_pre.append(_forget_file)
     _handles.append(bpy.utils.register_cli_command(CLI_COMMAND, run_command))
 
 
@@ -27,7 +30,18 @@ def unregister() -> None:
         return
     while _handles:
         bpy.utils.unregister_cli_command(_handles.pop())
+    bpy.app.handlers.load_pre.remove(_forget_file)
+    frame_state.forget_all()
+    devices.close_devices()
+    for registered in reversed(operators.CLASSES):
+        bpy.utils.unregister_class(registered)
     properties.unregister()
+
+
+@bpy.app.handlers.persistent
+def _forget_file(*_: Any) -> None:
+    """Another file is about to be opened: what runs belongs to this one."""
+    frame_state.forget_all()
 
 
 def run_command(arguments: list[str]) -> int:

@@ -58,6 +58,12 @@ def add_pass_nodes(scene: bpy.types.Scene, images: Mapping[str, bpy.types.Image]
     return result
 
 
+def has_pass_nodes(scene: bpy.types.Scene) -> bool:
+    """Whether the scene's compositor has the group already."""
+    tree = scene.compositing_node_group if bpy.app.version >= (5, 0) else scene.node_tree
+    return tree is not None and _find_group_node(tree) is not None
+
+
 def _compositor_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
     """The scene's compositor, made when there is none so that it gives the render unchanged."""
     if bpy.app.version >= (5, 0):

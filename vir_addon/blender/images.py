@@ -2,34 +2,74 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import bpy
 import numpy as np
 
-from ..core.pass_set import PassSet
+from ..core.pass_set import PassSet, layer_pass_names
 
 PASS_PROPERTY = "vir_pass"
 """custom property with the pass's name; what marks an image as made here"""
+SCENE_PROPERTY = "vir_scene"
+"""custom property with the name of the scene that the pass is of"""
+
+MISSING_COLOR = (1.0, 0.0, 1.0)
+"""what Blender shows where a texture is missing"""
 
 
-def write_images(passes: PassSet, *, pack: bool = True) -> dict[str, bpy.types.Image]:
+def write_images(passes: PassSet, *, pack: bool = True, scene_name: str = "", layer_name: str | None = None) -> dict[str, bpy.types.Image]:
     """Write every pass into an image of its name ("VIR Shadow Key"): float, Non-Color, grey. Returns pass name -> image.
 
     An image that an earlier call made for the pass is filled again, resized where needed, so nodes keep pointing at it. An
     artist's image that happens to have the name is left alone; ours then gets a number from Blender. `pack` puts the pixels into the
     .blend (Blender drops unsaved pixels of generated images on saving); without it this is fast enough for every frame.
+
+    scene_name: passes of other scenes keep their images. layer_name: of view layers after the first, whose passes get it in their names
+    ("VIR Shadow Key (Foreground)"), here and in what is returned.
     """
-    return {name: _write_image(name, pixels, pack) for name, pixels in passes.images.items()}
+    names = layer_pass_names(passes.images, layer_name)
+    return {names[name]: _write_image(names[name], scene_name, pixels, pack) for name, pixels in passes.images.items()}
 
 
-def find_image(pass_name: str) -> bpy.types.Image | None:
-    """The image made here for the pass. Of several (an artist's copies carry the mark too) the one with the pass's name."""
+def layer_images(passes_of_layers: Mapping[str, PassSet], scene_name: str, *, pack: bool = True) -> dict[str, bpy.types.Image]:
+    """`write_images` of all view layers of a scene, in the order in which Blender renders them."""
+    images = {}
+    for index, (layer_name, passes) in enumerate(passes_of_layers.items()):
+        images.update(write_images(passes, pack=pack, scene_name=scene_name, layer_name=layer_name if index else None))
+    return images
+
+
+def find_image(pass_name: str, scene_name: str = "") -> bpy.types.Image | None:
+    """The image made here for the pass of the scene. Of several (an artist's copies carry the marks too) the one with the pass's name.
+
+    An image whose scene is no more, or has another name now, is taken where the scene has none of its own.
+    """
     ours = [image for image in bpy.data.images if image.library is None and image.get(PASS_PROPERTY) == pass_name]
-    return min(ours, key=lambda image: (image.name != pass_name, image.name), default=None)
+    ours = [image for image in ours if image.get(SCENE_PROPERTY, "") in ("", scene_name) or image[SCENE_PROPERTY] not in bpy.data.scenes]
+    return min(ours, key=lambda image: (image.get(SCENE_PROPERTY) != scene_name, image.name != pass_name, image.name), default=None)
 
 
-def _write_image(pass_name: str, pixels: np.ndarray, pack: bool) -> bpy.types.Image:
+def scene_images(scene_name: str) -> dict[str, bpy.types.Image]:
+    """Pass name -> image, of all passes that the scene has images of, by name."""
+    names = {image[PASS_PROPERTY] for image in bpy.data.images if image.library is None and image.get(PASS_PROPERTY)}
+    found = {name: find_image(name, scene_name) for name in sorted(names)}
+    return {name: image for name, image in found.items() if image is not None}
+
+
+def mark_missing(scene_name: str) -> None:
+    """Fill the scene's images with the colour of what is missing: a frame whose passes failed must not show those of another."""
+    for image in scene_images(scene_name).values():
+        rgba = np.ones((image.size[0] * image.size[1], image.channels), np.float32)
+        rgba[:, :3] = MISSING_COLOR
+        image.pixels.foreach_set(rgba.ravel())
+        image.update()
+
+
+def _write_image(pass_name: str, scene_name: str, pixels: np.ndarray, pack: bool) -> bpy.types.Image:
     height, width = pixels.shape
-    image = find_image(pass_name) or _new_image(pass_name, width, height)
+    image = find_image(pass_name, scene_name) or _new_image(pass_name, width, height)
+    image[SCENE_PROPERTY] = scene_name
     if tuple(image.size) != (width, height):
         image.scale(width, height)
     rgba = np.ones((height, width, image.channels), dtype=np.float32)

@@ -43,9 +43,25 @@ def unique_pass_names(light_names: Iterable[str]) -> dict[str, str]:
     return {name: pass_names[name] for name in names}
 
 
-def _clip(name: str, suffix: str = "") -> str:
-    """`name` with `suffix`, shortened before the suffix to PASS_NAME_BYTES_MAX without cutting a character in two."""
-    kept = name.encode()[: PASS_NAME_BYTES_MAX - len(suffix.encode())].decode(errors="ignore")
+def layer_pass_names(pass_names: Iterable[str], layer_name: str | None) -> dict[str, str]:
+    """Pass name -> its name where passes of several view layers stand side by side: "VIR Shadow Key (Foreground)", within
+    PASS_NAME_BYTES_MAX. `layer_name` None: unchanged, for the first layer, so that a second one changes no names."""
+    if layer_name is None:
+        return {name: name for name in pass_names}
+    names: dict[str, str] = {}
+    for name in pass_names:
+        suffix, number = f" ({_clip(layer_name.replace('.', '_'), limit=20)})", 2
+        candidate = _clip(name, suffix)
+        while candidate in names.values():
+            candidate = _clip(name, f"{suffix} {number}")
+            number += 1
+        names[name] = candidate
+    return names
+
+
+def _clip(name: str, suffix: str = "", limit: int = PASS_NAME_BYTES_MAX) -> str:
+    """`name` with `suffix`, shortened before the suffix to `limit` bytes without cutting a character in two."""
+    kept = name.encode()[: limit - len(suffix.encode())].decode(errors="ignore")
     return kept + suffix
 
 

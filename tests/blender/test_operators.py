@@ -1,0 +1,237 @@
+"""The buttons, pressed without a window: what they leave in the file, what they say when they cannot work."""
+
+import time
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from vir_addon import blender  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.blender import devices, frame_state, job, operators  # noqa: E402
+from vir_addon.blender.images import scene_images  # noqa: E402
+from vir_addon.blender.properties import settings_of  # noqa: E402
+from vir_addon.blender.stepped_render import SteppedRender  # noqa: E402
+from vir_addon.core.errors import DeviceError, SceneError  # noqa: E402
+
+
+@pytest.fixture
+def room(scene, add):
+    """A cube on a floor under two lights; a third casts no shadow. Eight views, small maps: quick."""
+    blender.register()
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 48, 27, 100
+    add.cube(location=(0.0, 0.0, 1.0))
+    add.mesh("Floor", [(-6, -6, 0), (6, -6, 0), (6, 6, 0), (-6, 6, 0)], [(0, 1, 2, 3)])
+    scene.camera.location, scene.camera.rotation_euler = (0.0, -10.0, 4.0), (1.2, 0.0, 0.0)
+    add.light("Key", data={"size": 1.0, "energy": 500.0}, location=(2.0, -2.0, 5.0))
+    add.light("Lamp", "POINT", data={"shadow_soft_size": 0.2}, location=(-2.0, -1.0, 3.0))
+    add.light("Fill", data={"use_shadow": False}, location=(0.0, -4.0, 4.0))
+    scene.vir.view_count, scene.vir.map_resolution_px, scene.vir.device = 8, 64, "MODERNGL"
+    yield scene
+    blender.unregister()
+
+
+def pixels_of(image) -> np.ndarray:
+    pixels = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(pixels)
+    return pixels
+
+
+def refuse(operator, words):
+    with pytest.raises(RuntimeError, match=words):
+        operator()
+
+
+def test_render_leaves_the_same_passes_as_the_one_room_of_all_front_ends(room):
+    assert bpy.ops.vir.render() == {"FINISHED"}
+    (wanted,) = (
+        job.run(one, devices.get_device("moderngl")) for one in job.frame_jobs(room, room.frame_current, settings_of(room)).values()
+    )
+    images = scene_images(room.name)
+    assert set(images) == set(wanted.images) == {"VIR Shadow", "VIR Shadow Key", "VIR Shadow Lamp", "VIR Shadow Fill"}
+    for name, pixels in wanted.images.items():
+        assert images[name].packed_file is not None
+        np.testing.assert_array_equal(pixels_of(images[name]).reshape(*pixels.shape, -1)[..., 0], pixels)
+    assert images["VIR Shadow Key"].pixels[:] != images["VIR Shadow Lamp"].pixels[:]
+
+
+def test_the_panel_can_say_what_the_plan_decided(room):
+    assert bpy.ops.vir.plan() == {"FINISHED"}
+    state = frame_state.state_of(room)
+    assert "casts no shadow" in frame_state.decision_text(state, "Fill")
+    assert frame_state.decision_text(state, "Key").startswith("8 views, about ")
+    assert "error" not in frame_state.forecast_text(room)
+    assert not bpy.data.images
+    bpy.ops.vir.render()
+    assert ", error 0." in frame_state.decision_text(state, "Key")
+    fast = frame_state.forecast_text(room)
+    room.vir.quality = 1.0
+    exact = frame_state.forecast_text(room)
+    assert "error about 0." in fast and "error about 0." in exact
+    assert float(exact.rpartition(" ")[2]) < float(fast.rpartition(" ")[2])
+
+
+def test_a_second_render_fills_the_same_images_and_the_group_follows(room):
+    bpy.ops.vir.render()
+    first = scene_images(room.name)
+    assert bpy.ops.vir.add_to_compositor() == {"FINISHED"}
+    tree = room.compositing_node_group if bpy.app.version >= (5, 0) else room.node_tree
+    (node,) = (node for node in tree.nodes if node.type == "GROUP")
+    assert {socket.name for socket in node.outputs} == set(first)
+    bpy.data.lights.remove(bpy.data.lights["Lamp"])
+    bpy.ops.object.light_add(type="SPOT", location=(0.0, 0.0, 6.0))
+    bpy.context.object.name = "Spot"
+    bpy.ops.vir.render()
+    assert scene_images(room.name)["VIR Shadow Key"] == first["VIR Shadow Key"]
+    names = {socket.name for socket in node.outputs}
+    assert "VIR Shadow Spot" in names and "VIR Shadow Lamp" not in names
+
+
+def test_view_layers_and_scenes_keep_their_passes_apart(room, add):
+    room.view_layers.new("Foreground")
+    bpy.ops.vir.render()
+    assert {"VIR Shadow Key", "VIR Shadow Key (Foreground)"} <= set(scene_images(room.name))
+    before = pixels_of(scene_images(room.name)["VIR Shadow Key"])
+    other = bpy.data.scenes.new("Other")
+    for item in (room.camera, *(item for item in room.objects if item.name != "Cube")):
+        if item.name not in other.objects:
+            other.collection.objects.link(item)
+    other.camera, other.vir.view_count, other.vir.map_resolution_px = room.camera, 8, 64
+    other.render.resolution_x, other.render.resolution_y = 48, 27
+    with bpy.context.temp_override(scene=other):
+        assert bpy.ops.vir.render() == {"FINISHED"}
+    own = scene_images("Other")["VIR Shadow Key"]
+    assert own != scene_images(room.name)["VIR Shadow Key"]
+    np.testing.assert_array_equal(pixels_of(scene_images(room.name)["VIR Shadow Key"]), before)
+    other.name = "Renamed"
+    with bpy.context.temp_override(scene=other):
+        bpy.ops.vir.render()
+    assert scene_images("Renamed")["VIR Shadow Key"] == own
+
+
+def test_the_report_is_one_whole_page(room):
+    bpy.ops.vir.render()
+    assert bpy.ops.vir.open_report() == {"FINISHED"}
+    from vir_addon.blender.report_file import write_report
+
+    page = write_report(room).read_text(encoding="utf-8")
+    for words in ("VIR Shadow Key", "casts no shadow", "resolve", "data:image/png;base64,"):
+        assert words in page
+    assert "http" not in page, "the page must not need the network"
+
+
+def test_a_light_deleted_while_it_renders_changes_nothing(room):
+    jobs = operators.plan_frame(room)
+    render = SteppedRender(jobs, "moderngl")
+    bpy.data.objects.remove(bpy.data.objects["Key"])
+    wait_for(render)
+    assert render.error is None
+    assert "VIR Shadow Key" in operators.finish_render(room, render, 1.0)
+
+
+def wait_for(render, seconds=60.0):
+    end = time.monotonic() + seconds
+    while not render.step():
+        assert time.monotonic() < end, "the render does not end"
+        time.sleep(0.005)
+
+
+@pytest.mark.parametrize("device", ["moderngl", pytest.param("gpu", marks=pytest.mark.slow)])
+def test_cancelling_keeps_what_was_there_and_frees_the_device(room, device):
+    if device == "gpu" and bpy.app.version < (5, 2):
+        pytest.skip("Blender's module works in background from 5.2 on")
+    room.vir.device = device.upper()
+    bpy.ops.vir.render()
+    before = {name: pixels_of(image) for name, image in scene_images(room.name).items()}
+    room.vir.view_count = 512
+    render = SteppedRender(operators.plan_frame(room), device)
+    while render.state.views_done == 0:
+        assert not render.step()
+        time.sleep(0.001)
+    render.cancel()
+    render.join()
+    assert render.is_done and not render.layers and render.error is None
+    assert all((pixels_of(image) == before[name]).all() for name, image in scene_images(room.name).items())
+    room.vir.view_count = 8
+    assert bpy.ops.vir.render() == {"FINISHED"}
+    assert all((pixels_of(image) == before[name]).all() for name, image in scene_images(room.name).items())
+
+
+def test_switching_the_extension_off_ends_what_runs(room):
+    room.vir.view_count = 4096
+    frame_state.state_of(room).running = render = SteppedRender(operators.plan_frame(room), "moderngl")
+    blender.unregister()
+    assert render.is_done and not render.layers
+    blender.register()
+
+
+def test_opening_another_file_ends_what_runs(room):
+    room.vir.view_count = 4096
+    frame_state.state_of(room).running = render = SteppedRender(operators.plan_frame(room), "moderngl")
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert render.is_done and not frame_state.running_renders()
+
+
+def test_an_error_of_the_device_arrives_and_the_next_render_works(room, monkeypatch):
+    from vir_addon.core.render import Renderer
+
+    def lost(*_):
+        raise DeviceError("the device is lost")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(Renderer, "render_batch", lost)
+        refuse(bpy.ops.vir.render, "the device is lost")
+        assert frame_state.state_of(room).problem == "the device is lost"
+    assert not scene_images(room.name) and frame_state.state_of(room).running is None
+    assert bpy.ops.vir.render() == {"FINISHED"}
+    assert not frame_state.state_of(room).problem
+
+
+def test_no_camera(room):
+    room.camera = None
+    refuse(bpy.ops.vir.render, "camera")
+    assert "no camera" in operators.reason_against_rendering(bpy.context)
+    with pytest.raises(SceneError, match="camera"):
+        operators.plan_frame(room)
+
+
+def test_no_light(room):
+    for item in [item for item in room.objects if item.type == "LIGHT"]:
+        bpy.data.objects.remove(item)
+    refuse(bpy.ops.vir.render, "poll|light")
+    assert "no light" in operators.reason_against_rendering(bpy.context)
+
+
+@pytest.mark.parametrize("left", ["nothing", "volume", "grease pencil"])
+def test_no_surface(room, left):
+    for item in [item for item in room.objects if item.type == "MESH"]:
+        bpy.data.objects.remove(item)
+    if left == "volume":
+        room.collection.objects.link(bpy.data.objects.new("Smoke", bpy.data.volumes.new("Smoke")))
+    if left == "grease pencil":
+        bpy.ops.object.grease_pencil_add(type="STROKE")
+    refuse(bpy.ops.vir.render, "no surface that a shadow could fall on")
+    assert "no surface" in frame_state.state_of(room).problem
+    assert not scene_images(room.name)
+
+
+def test_choices_that_exclude_each_other_are_said(room):
+    room.vir.method, room.vir.points = "MVR", "BUFFERLESS"
+    refuse(bpy.ops.vir.render, "mvr")
+    assert "mvr" in frame_state.state_of(room).problem
+
+
+def test_nothing_to_add_and_nothing_to_report_yet(room):
+    refuse(bpy.ops.vir.add_to_compositor, "poll|passes yet")
+    refuse(bpy.ops.vir.open_report, "poll|rendered")
+
+
+def test_undo_takes_the_passes_back(room):
+    bpy.ops.ed.undo_push(message="before")
+    bpy.ops.vir.render()
+    bpy.ops.ed.undo_push(message="Render Passes")
+    assert scene_images(room.name)
+    bpy.ops.ed.undo()
+    assert not scene_images(bpy.context.scene.name)
+    bpy.ops.ed.redo()
+    assert pixels_of(scene_images(bpy.context.scene.name)["VIR Shadow Key"]).min() < 0.5

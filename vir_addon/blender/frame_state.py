@@ -1,0 +1,147 @@
+"""What is known of a scene's passes while Blender runs: the plan's lines, what the last render took and reached, what went wrong.
+
+Nothing of it belongs into a file; it goes when another one is opened. Reading it is cheap: panels do so at every redraw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import bpy
+
+from ..core.errors import VirError
+from ..core.forecast import Forecast, make_forecast, predict_error
+from ..core.pass_set import PassSet, PassStatistics, SetStatistics
+from ..core.plan import PlannedPass
+from .job import LayerJob
+from .stepped_render import SteppedRender
+
+
+@dataclass
+class SceneState:
+    plans: dict[str, dict[str, PlannedPass]] = field(default_factory=dict)
+    """view layer name -> light name -> what the plan decided"""
+    notes: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    """one sentence an object"""
+    forecasts: tuple[Forecast, ...] = ()
+    """one a view layer"""
+    statistics: dict[str, SetStatistics] = field(default_factory=dict)
+    """view layer name -> how the passes were made that are in the images now"""
+    frame: int = 0
+    render_s: float = 0.0
+    """of the last render, all view layers"""
+    problem: str = ""
+    """what the user has to mend, in words; empty after a render that went well"""
+    running: SteppedRender | None = None
+
+    def planned(self, light_name: str) -> PlannedPass | None:
+        """By the first view layer that knows the light and renders it, or else says why not."""
+        lines = [lines[light_name] for lines in self.plans.values() if light_name in lines]
+        return next((line for line in lines if line.runs), lines[0] if lines else None)
+
+    def made(self, light_name: str) -> PassStatistics | None:
+        made = [one for layer in self.statistics.values() for one in layer.passes if one.light_name == light_name and one.view_count]
+        return made[0] if made else None
+
+
+_states: dict[int, SceneState] = {}
+"""session_uid of a scene -> its state"""
+_time_factors: dict[str, float] = {}
+"""device name -> what its last render took over what the plan had predicted"""
+
+
+def state_of(scene: bpy.types.Scene) -> SceneState:
+    return _states.setdefault(scene.session_uid, SceneState())
+
+
+def running_renders() -> list[SteppedRender]:
+    return [state.running for state in _states.values() if state.running is not None]
+
+
+def forget_running(render: SteppedRender) -> None:
+    """The render has ended, or nobody waits for it any more; its scene may be gone."""
+    for state in _states.values():
+        if state.running is render:
+            state.running = None
+
+
+def forget_all() -> None:
+    """Stop what runs and forget all scenes."""
+    for render in running_renders():
+        render.cancel()
+        render.join()
+    _states.clear()
+
+
+def note_plan(scene: bpy.types.Scene, jobs: Mapping[str, LayerJob]) -> None:
+    state = state_of(scene)
+    state.problem = ""
+    state.plans = {name: {planned.light_name: planned for planned in job.plan.passes} for name, job in jobs.items()}
+    state.notes = tuple(dict.fromkeys(note for job in jobs.values() for note in job.plan.notes))
+    state.left_out = tuple(sorted({f"{item.object_name}: {item.reason}" for job in jobs.values() for item in job.snapshot.left_out}))
+    state.forecasts = tuple(make_forecast(job.snapshot, job.plan) for job in jobs.values())
+
+
+def note_render(scene: bpy.types.Scene, jobs: Mapping[str, LayerJob], layers: Mapping[str, PassSet], render_s: float) -> None:
+    state = state_of(scene)
+    state.problem = ""
+    state.statistics = {name: passes.statistics for name, passes in layers.items()}
+    state.frame = next(iter(jobs.values())).snapshot.frame
+    state.render_s = render_s
+    predicted_ms = sum(job.plan.predicted_ms for job in jobs.values())
+    if predicted_ms > 0 and layers:
+        device = next(iter(layers.values())).statistics.device.partition(":")[0]
+        _time_factors[device] = render_s * 1e3 / predicted_ms
+
+
+def note_problem(scene: bpy.types.Scene, error: BaseException) -> str:
+    """Remember and return what to tell the user."""
+    text = str(error) if isinstance(error, VirError) else f"internal error, see the console: {type(error).__name__}: {error}"
+    state_of(scene).problem = text
+    return text
+
+
+def time_factor() -> float | None:
+    """Measured over predicted time of the device that rendered last; None before any render."""
+    return list(_time_factors.values())[-1] if _time_factors else None
+
+
+def forecast_text(scene: bpy.types.Scene) -> str:
+    """Time and error that the scene's quality stands for: "about 2.1 s, error about 0.006"; what is not known yet is said."""
+    state, view_count = state_of(scene), scene.vir.view_count
+    if not state.forecasts:
+        return "time and error: not planned yet"
+    factor = time_factor()
+    seconds = sum(forecast.compute_ms(view_count) for forecast in state.forecasts) * 1e-3 * (factor or 1.0)
+    text = f"about {seconds_text(seconds)}" + ("" if factor else " without a GPU")
+    measured = [one for layer in state.statistics.values() for one in layer.passes if one.view_count > 1]
+    if not measured:
+        return text
+    worst = max(predict_error(one.error_estimate, one.view_count, view_count) for one in measured)
+    return f"{text}, error about {error_text(worst)}"
+
+
+def decision_text(state: SceneState, light_name: str) -> str:
+    """One line on a light: "64 views, about 0.8 s, error 0.006" or "skipped: casts no shadow"."""
+    planned = state.planned(light_name)
+    if planned is None:
+        return "not planned yet"
+    if not planned.runs:
+        return planned.reason
+    views = f"{planned.view_count} view{'s' * (planned.view_count != 1)}"
+    made = state.made(light_name)
+    if made is not None and made.view_count == planned.view_count:
+        return f"{views}, {seconds_text(sum(made.stage_ms.values()) * 1e-3)}, error {error_text(made.error_estimate)}"
+    return f"{views}, about {seconds_text(planned.predicted_ms * 1e-3 * (time_factor() or 1.0))}"
+
+
+def seconds_text(seconds: float) -> str:
+    if seconds >= 90:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds:.0f} s" if seconds >= 10 else f"{seconds:.1f} s" if seconds >= 0.95 else f"{seconds * 1e3:.0f} ms"
+
+
+def error_text(error: float) -> str:
+    return f"{error:.3f}" if error < 1 else "unknown"

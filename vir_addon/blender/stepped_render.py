@@ -1,0 +1,134 @@
+"""A render in steps, for front ends that must go on answering: no window, no operator in here.
+
+With the device `moderngl` it runs on a thread of its own and a step only looks how far it is; Blender's own module belongs to the main
+thread, where every step renders one batch of views.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass
+
+from ..core.pass_set import PassSet
+from ..core.plan import check_device
+from ..core.render import Progress, render
+from . import devices
+from .job import LayerJob
+
+
+class CancelledError(Exception):
+    """Ends a render that nobody waits for any more; reaches nobody."""
+
+
+@dataclass(frozen=True)
+class RenderState:
+    """How far a render is; replaced as a whole, so that another thread may read it."""
+
+    share_done: float = 0.0
+    views_done: int = 0
+    views_total: int = 0
+    seconds_left: float | None = None
+    error_estimate: float | None = None
+    """None: not known yet"""
+    stage: str = "preparing"
+    light_name: str | None = None
+
+
+class SteppedRender:
+    """Renders the jobs of a frame's view layers. Whoever makes one steps it until `is_done`, or cancels it."""
+
+    def __init__(self, jobs: Mapping[str, LayerJob], device_name: str) -> None:
+        """device_name: of an open device (`devices.device_name`)"""
+        self.jobs = dict(jobs)
+        self.device = devices.get_device(device_name)
+        self.state = RenderState(views_total=sum(self._view_count(job) for job in self.jobs.values()))
+        self.layers: dict[str, PassSet] = {}
+        """view layer name -> passes; whole when `is_done` and there is no `error`"""
+        self.error: BaseException | None = None
+        self.is_done = False
+        self.is_cancelled = False
+        self._steps = self._render()
+        self._thread: threading.Thread | None = None
+        if not devices.is_bound_to_main_thread(device_name):
+            self._thread = threading.Thread(target=self._run_through, name="vir-render", daemon=True)
+            self._thread.start()
+
+    @staticmethod
+    def _view_count(job: LayerJob) -> int:
+        return sum(planned.view_count for planned in job.plan.passes if planned.runs)
+
+    @property
+    def is_threaded(self) -> bool:
+        return self._thread is not None
+
+    def step(self) -> bool:
+        """Go on for a batch, or look at the thread that does. True: done."""
+        if self._thread is None and not self.is_done:
+            self._advance()
+        return self.is_done
+
+    def cancel(self) -> None:
+        """Stop at the end of the current stage, and free what the device holds. Does not wait for a thread; `join` does."""
+        self.is_cancelled = True
+        if self._thread is None:
+            with contextlib.suppress(CancelledError):  # on closing, the last picture would be read back
+                self._steps.close()
+            self.is_done = True
+
+    def join(self) -> None:
+        """Wait for the thread to end; for after `cancel`, before the device is closed."""
+        if self._thread is not None:
+            self._thread.join()
+
+    def _run_through(self) -> None:
+        while not self.is_done:
+            self._advance()
+
+    def _advance(self) -> None:
+        try:
+            next(self._steps)
+        except StopIteration:
+            self.is_done = True
+        except CancelledError:
+            self.is_done = True
+        except BaseException as error:  # shown by whoever steps, on the main thread
+            self.error = error
+            self.is_done = True
+
+    def _render(self) -> Generator[None, None, None]:
+        weight_total = sum(job.plan.predicted_ms + 1.0 for job in self.jobs.values())
+        weight_done, views_done = 0.0, 0
+        for layer_name, job in self.jobs.items():
+            check_device(job.plan, self.device)
+            weight = job.plan.predicted_ms + 1.0
+            progress: Progress | None = None
+            with contextlib.closing(render(job.snapshot, job.plan, self.device, self._on_stage)) as steps:
+                for progress in steps:
+                    share = progress.batches_done / progress.batches_total
+                    self.state = RenderState(
+                        share_done=(weight_done + weight * share) / weight_total,
+                        views_done=views_done + progress.views_done,
+                        views_total=self.state.views_total,
+                        seconds_left=progress.seconds_left * (1 + (weight_total - weight_done - weight) / weight),
+                        error_estimate=progress.error_estimate,
+                        stage=self.state.stage,
+                        light_name=self.state.light_name,
+                    )
+                    if self.is_cancelled:
+                        raise CancelledError
+                    yield
+            if progress is None:
+                raise RuntimeError("the render ended before its first batch")
+            self.layers[layer_name] = progress.pass_set
+            weight_done += weight
+            views_done += self._view_count(job)
+
+    def _on_stage(self, stage: str, light_name: str | None) -> None:
+        if self.is_cancelled:
+            raise CancelledError
+        state = self.state
+        self.state = RenderState(
+            state.share_done, state.views_done, state.views_total, state.seconds_left, state.error_estimate, stage, light_name
+        )
