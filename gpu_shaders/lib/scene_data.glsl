@@ -22,7 +22,7 @@ struct InstanceData {
 struct TriangleData {
     vec3 position_os[3];
     vec3 position_ws[3];
-    vec4 corners;      // x, y, z: vertex indices; w: index of the triangle among the scene's triangles
+    vec4 corners;      // x, y, z: vertex indices; w: material slot
     vec3 packed_normals;  // of its vertices, octahedral
 };
 

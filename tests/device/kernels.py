@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from vir_addon.core.passes.scene_data import SCENE_DEFINES, SCENE_TEXTURES
 from vir_addon.core.passes.shadow_maps import SAMPLING_CONSTANTS, SAMPLING_TABLES
+from vir_addon.core.passes.surface_data import REFLECTANCE_DEFINES, SURFACE_DEFINES, SURFACE_TEXTURES
 from vir_addon.device.declaration import (
     ComputeDeclaration,
     Constant,
@@ -119,4 +121,18 @@ TRIANGLE_FUNCTIONS = compute(
     images={"answers": Stored("RGBA32F", "write", "five texels a triangle")},
     constants={**SAMPLING_CONSTANTS, "triangle_count": Constant("int", "-")},
     tables=SAMPLING_TABLES,
+)
+MATERIAL_FUNCTIONS = compute(
+    "material_functions",
+    textures={
+        **SCENE_TEXTURES,
+        **SURFACE_TEXTURES,
+        "queries": Sampled(
+            "sampler2D",
+            "four texels: instance, triangle and two barycentric weights; to the eye; to the light and the least width; geometric normal",
+        ),
+    },
+    images={"answers": Stored("RGBA32F", "write", "six texels a query")},
+    constants={"query_count": Constant("int", "-")},
+    defines={**SCENE_DEFINES, **SURFACE_DEFINES, **REFLECTANCE_DEFINES},
 )

@@ -110,6 +110,13 @@ class Combination:
     operation: Operation
     operands: tuple[MaterialInput, ...]
 
+    def __post_init__(self) -> None:
+        # kept, as an operand that many share would be walked through again and again
+        object.__setattr__(self, "_hash", hash((self.operation, self.operands)))
+
+    def __hash__(self) -> int:
+        return self._hash  # type: ignore[attr-defined]
+
 
 @dataclass(frozen=True)
 class TableLookup:

@@ -1,7 +1,7 @@
 """The scene on the device: textures that kernels index, and meshes for the rasterizer.
 
     vertices          one texel a vertex: position (object space), octahedral normal packed in 24 bits
-    triangles         one texel a triangle: three vertex indices within the mesh, unused
+    triangles         one texel a triangle: three vertex indices within the mesh, material slot
     corner_normals    one texel a triangle: three packed normals; only of meshes whose corners differ
     instances         INSTANCE_TEXELS texels an instance: three rows of world_from_object; vertex and triangle base;
                       corner base, shading kind, orientation; stable id
@@ -29,7 +29,7 @@ WORK_GROUP_SIZE = 64
 
 SCENE_TEXTURES: Mapping[str, Sampled] = {
     "vertices": Sampled("sampler2D", "position (object space) and packed normal of every vertex"),
-    "triangles": Sampled("sampler2D", "vertex indices of every triangle, within its mesh"),
+    "triangles": Sampled("sampler2D", "vertex indices of every triangle, within its mesh, and its material slot"),
     "instances": Sampled("sampler2D", "transforms and bases of every instance"),
 }
 SCENE_DEFINES = {"INSTANCE_TEXELS": INSTANCE_TEXELS}
@@ -92,6 +92,8 @@ class SceneData:
         rows = np.zeros((int(self.triangle_bases[-1]), 4), np.float32)
         for mesh, base in zip(self.snapshot.meshes, self.triangle_bases, strict=False):
             rows[base : base + mesh.triangle_count, :3] = mesh.triangles
+            if mesh.material_slot is not None:
+                rows[base : base + mesh.triangle_count, 3] = mesh.material_slot
         return rows
 
     def _corner_rows(self) -> np.ndarray:

@@ -1,0 +1,179 @@
+"""What surfaces look like, on the device: materials, what they ask for at triangles' corners, the world.
+
+surface_data    the table of reflectance_table.py; the world: radiance and its image's place or -1, three rows of image_from_world;
+                per instance its material set's first slot, last slot's number and its mesh's layer table; per material a header (its
+                program's place or -1, its normal map's layer or -1, Fresnel of metal) and its constant inputs; per slot of a set its
+                material's place; per mesh and layer where its values start and whether there are any; programs
+                (material_program.py); layers: two texels a triangle for uvs, three for colours
+surface_images  see material_images.py
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from ...device.declaration import Sampled
+from ...device.interface import Device, Texture, split_integers
+from ...device.owned import Owned
+from ..material import ImageTexels, Layer, LayerKind, Material, World
+from ..material_program import (
+    LUMINANCE,
+    MATERIAL_INPUTS,
+    MAX_INSTRUCTIONS,
+    OP_CODES,
+    REGISTER_COUNT,
+    OpCode,
+    Program,
+    compile_material,
+    images_of,
+    layers_of,
+)
+from ..reflectance_table import COSINE_COUNT, LARGEST_Z, LEAST_Z, ROUGHNESS_COUNT, TABLE_TEXELS, reflectance_table
+from ..scene import SceneSnapshot
+from .material_images import IMAGE_DEFINES, IMAGE_TEXTURES, MaterialImages
+
+_WORLD_TEXELS = 4
+_WORLD_BASE = ROUGHNESS_COUNT * COSINE_COUNT * TABLE_TEXELS
+_INSTANCES_BASE = _WORLD_BASE + _WORLD_TEXELS
+_UNCONDITIONAL = "OP_HSV_TO_RGB"
+"""what no condition is left for"""
+
+SURFACE_TEXTURES: Mapping[str, Sampled] = {
+    "surface_data": Sampled("sampler2D", "reflectance table, world, materials and what they ask for at triangles' corners"),
+    **IMAGE_TEXTURES,
+}
+REFLECTANCE_DEFINES = {
+    "TABLE_TEXELS": TABLE_TEXELS,
+    "ROUGHNESS_COUNT": ROUGHNESS_COUNT,
+    "COSINE_COUNT": COSINE_COUNT,
+    "LEAST_Z": LEAST_Z,
+    "LARGEST_Z": LARGEST_Z,
+}
+SURFACE_DEFINES: Mapping[str, int | float] = {
+    **IMAGE_DEFINES,
+    **{
+        name: value
+        for name, value in (
+            *((f"OP_{code.name}", int(code)) for code in OpCode if code is not OpCode.FIRST_OPERATION),
+            *((f"OP_{operation.name}", code) for operation, code in OP_CODES.items()),
+        )
+        if name != _UNCONDITIONAL
+    },
+    **{f"INPUT_{name}": index for index, name in enumerate(MATERIAL_INPUTS)},
+    **dict(zip(("LUMINANCE_RED", "LUMINANCE_GREEN", "LUMINANCE_BLUE"), LUMINANCE, strict=True)),
+    "INPUT_COUNT": len(MATERIAL_INPUTS),
+    "REGISTERS": REGISTER_COUNT,
+    "MAX_INSTRUCTIONS": MAX_INSTRUCTIONS,
+    "WORLD_BASE": _WORLD_BASE,
+    "INSTANCES_BASE": _INSTANCES_BASE,
+}
+
+
+def material_layers(material: Material) -> set[Layer]:
+    """The layers that a mesh must have for a material."""
+    found = set().union(*(layers_of(read(material)) for read in MATERIAL_INPUTS.values()))
+    return found | ({material.normal_map.layer} if material.normal_map else set())
+
+
+class SurfaceData:
+    """Uploads what a snapshot with materials says about surfaces."""
+
+    def __init__(self, snapshot: SceneSnapshot, device: Device) -> None:
+        if snapshot.world is None or snapshot.instances.material_set is None:
+            raise ValueError("the snapshot was taken without materials")
+        materials, meshes = snapshot.materials, snapshot.meshes
+        layers = sorted(set().union(*(material_layers(material) for material in materials)), key=lambda one: (one.kind.value, one.name))
+        with Owned() as owned:
+            self.images = owned.own(MaterialImages(_all_images(materials, snapshot.world), device))
+            layer_index = {layer: index for index, layer in enumerate(layers)}
+            programs = [compile_material(material, layer_index, self.images.bases) for material in materials]
+            rows = _Rows()
+            rows.add(reflectance_table().reshape(-1, 4))
+            rows.add(_world_rows(snapshot.world, self.images.bases))
+            instance_rows = np.zeros((len(snapshot.instances), 4))
+            rows.add(instance_rows)
+            material_rows = [_material_rows(material, program, layer_index) for material, program in zip(materials, programs, strict=True)]
+            material_bases = np.array([rows.add(part) for part in material_rows], np.int64)
+            set_bases = np.array([rows.add(_place_rows(material_bases[list(one)])) for one in snapshot.material_sets], np.int64)
+            layer_tables = np.zeros((len(meshes), len(layers), 4))
+            first_table = rows.add(layer_tables.reshape(-1, 4))
+            instance_rows[:] = _instance_rows(snapshot, set_bases, first_table + len(layers) * np.arange(len(meshes)))
+            for part, program in zip(material_rows, programs, strict=True):
+                part[0, :2] = split_integers(np.array(rows.add(program.rows))) if len(program.rows) else -1.0
+            for table, mesh in zip(layer_tables, meshes, strict=True):
+                for layer, values in mesh.layers.items():
+                    if layer in layer_index:
+                        table[layer_index[layer]] = (*split_integers(np.array(rows.add(_layer_rows(layer, values)))), 1.0, 0.0)
+            self.bindings: dict[str, Texture] = {
+                "surface_data": owned.own(device.upload_array(rows.gather())),
+                "surface_images": self.images.texture,
+            }
+            self._owned = owned.pop_all()
+
+    def release(self) -> None:
+        self._owned.close()
+
+
+class _Rows:
+    """Parts of one array, which know where they will stand before it is put together."""
+
+    def __init__(self) -> None:
+        self.end = 0
+        self._parts: list[np.ndarray] = []
+
+    def add(self, part: np.ndarray) -> int:
+        """Where the part will stand. What it holds may still change."""
+        base = self.end
+        self._parts.append(part)
+        self.end += len(part)
+        return base
+
+    def gather(self) -> np.ndarray:
+        return np.concatenate(self._parts, dtype=np.float32)
+
+
+def _all_images(materials: Iterable[Material], world: World) -> list[ImageTexels]:
+    images = [image for material in materials for read in MATERIAL_INPUTS.values() for image in images_of(read(material))]
+    return [world.image, *images] if world.image is not None else images
+
+
+def _place_rows(places: np.ndarray) -> np.ndarray:
+    return np.pad(split_integers(places), ((0, 0), (0, 2)))
+
+
+def _layer_rows(layer: Layer, values: np.ndarray) -> np.ndarray:
+    if layer.kind is LayerKind.UV:
+        return np.pad(values.reshape(-1, 6), ((0, 0), (0, 2))).reshape(-1, 4)
+    return np.pad(values.reshape(-1, 3), ((0, 0), (0, 1)))
+
+
+def _world_rows(world: World, image_bases: Mapping[ImageTexels, int]) -> np.ndarray:
+    rows = np.zeros((_WORLD_TEXELS, 4))
+    rows[0] = *world.radiance, -1.0
+    if world.image is not None:
+        # the first of the images, so its place is exact
+        rows[0, 3] = image_bases[world.image]
+        rows[1:, :3] = np.eye(3) if world.image_from_world is None else world.image_from_world
+    return rows
+
+
+def _instance_rows(snapshot: SceneSnapshot, set_bases: np.ndarray, layer_tables: np.ndarray) -> np.ndarray:
+    instances = snapshot.instances
+    assert instances.material_set is not None
+    last_slot = np.array([len(one) - 1 for one in snapshot.material_sets])
+    rows = np.zeros((len(instances), 4))
+    rows[:, :2] = split_integers(set_bases[instances.material_set])
+    rows[:, 2] = last_slot[instances.material_set]
+    rows[:, 3] = layer_tables[instances.mesh_index]
+    return rows
+
+
+def _material_rows(material: Material, program: Program, layer_index: Mapping[Layer, int]) -> np.ndarray:
+    """All but the program's place."""
+    rows = np.zeros((1 + len(MATERIAL_INPUTS), 4))
+    rows[0, 2] = layer_index[material.normal_map.layer] if material.normal_map else -1.0
+    rows[0, 3] = material.has_metal_fresnel
+    rows[1:, :3] = program.constants
+    return rows
