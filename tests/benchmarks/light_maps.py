@@ -107,7 +107,8 @@ class LightMaps:
     def prepared(self, variant: Variant, stopwatch: StageTimes) -> Iterator[tuple[LightWork, MapStore]]:
         """Views fitted, and everything made that batches share."""
         store = MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, variant.plan)
-        work = LightWork(variant.planned, variant.plan, self.scene_data, store)
+        light = next(light for light in self.snapshot.lights if light.name == variant.planned.light_name)
+        work = LightWork(variant.planned, light, variant.plan, self.scene_data, store)
         try:
             self.device.run(work.fit, self.positions, self.normals, stopwatch)
             yield work, store

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..device.interface import ComputeKernel, Device, Texture, TextureFormat
-from ..device.owned import Owned
+from ..device.owned import Owned, Shared
 from .bounds import cullable_instances
 from .fit import FittedFace, fit_light, light_hull, select_receivers
 from .methods import depth_map_method
@@ -24,13 +24,14 @@ from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
 from .sampling import light_samples, sample_weights
 from .scene import Light, LightShape
 from .settings import Method, Resolve
+from .steps import Steps, run_steps
 from .stopwatch import Stopwatch
 
 LightFace = tuple[FittedFace, np.ndarray, DepthMapMethod | None]
 """with its table for the kernels; without a method where nothing casts"""
 
 
-class MapStore:
+class MapStore(Shared):
     """Textures that all lights share because only one batch uses them at a time."""
 
     def __init__(self, device: Device, width: int, height: int, plan: RenderPlan) -> None:
@@ -51,11 +52,16 @@ class MapStore:
         self._width_px, self._height_px = max(self._width_px, width_px), max(self._height_px, height_px)
 
     def maps(self, view_count: int) -> DepthMaps:
-        if view_count not in self._maps:
-            self._maps[view_count] = self._owned.own(DepthMaps(self.device, self._width_px, self._height_px, view_count))
-        return self._maps[view_count]
+        maps = self._maps.get(view_count)
+        if maps is None or maps.width_px < self._width_px or maps.height_px < self._height_px:
+            if maps is not None:
+                maps.release()
+            maps = self._maps[view_count] = DepthMaps(self.device, self._width_px, self._height_px, view_count)
+        return maps
 
-    def release(self) -> None:
+    def _free(self) -> None:
+        for maps in self._maps.values():
+            maps.release()
         self._owned.close()
 
 
@@ -96,12 +102,14 @@ class FaceTurns:
         return np.where(sees[index], self._late_faces[part, index] | first | last, -1)
 
 
-class LightWork:
-    def __init__(self, planned: PlannedPass, plan: RenderPlan, scene_data: SceneData, store: MapStore) -> None:
+class LightWork(Shared):
+    def __init__(self, planned: PlannedPass, light: Light, plan: RenderPlan, scene_data: SceneData, store: MapStore) -> None:
         snapshot = scene_data.snapshot
-        self.planned, self.plan, self.scene_data, self.store = planned, plan, scene_data, store
+        self.planned, self.light, self.plan, self.scene_data, self.store = planned, light, plan, scene_data, store
         self.device = scene_data.device
-        self.light: Light = next(light for light in snapshot.lights if light.name == planned.light_name)
+        self.batches_done = 0
+        self.is_between_batches = False
+        """fitted, and not in the middle of a batch"""
         self.samples_m = light_samples(self.light, planned.view_count)
         self.sample_weights = sample_weights(self.light, self.samples_m)
         self.taps: LightTaps | None = None
@@ -142,30 +150,27 @@ class LightWork:
 
     def fit(self, positions: np.ndarray, normals: np.ndarray, stopwatch: Stopwatch) -> None:
         """Fit the views to the surfaces of an eye G-buffer, (height, width, 4) each, and make what all batches share."""
-        with stopwatch.stage("points"):
-            snapshot, bounds = self.scene_data.snapshot, self.plan.bounds
-            receivers = select_receivers(positions, normals, self.light)
-            pixels = self.scene_data.eye_pixels if self.planned.method is Method.EPR else None
-            searched_m = self.taps.samples_m if self.taps else None
-            resolution_px = self.planned.map_resolution_px
-            fitted_faces, is_cube = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, resolution_px, pixels, searched_m)
-            if is_cube:
-                self.resolve_flags.append("MANY_FACES")
-            is_sun = self.light.shape is LightShape.SUN
-            if not is_sun:
-                self.reference_m = max((fitted.views.far_m for fitted in fitted_faces), default=1.0)
-            culled = cullable_instances(snapshot, bounds, None if is_sun else light_hull(self.light, self.samples_m))
-            self.faces = [self._face(fitted, culled) for fitted in fitted_faces]
-            if self.taps and self.faces:
-                self.look_up = PERCENTAGE_CLOSER
-                self.statistics.blocker_sample_count, self.statistics.filter_sample_count = self.taps.counts
-            # faces without casters need no map: the first dispatch looks them up too, or one of their own if there is no other
-            self.mapped = [face for face in self.faces if face[2] is not None] or self.faces[:1]
-            self.masks = [1 << fitted.views.face.index for fitted, _, _ in self.mapped]
-            if self.mapped:
-                self.masks[0] |= sum(1 << fitted.views.face.index for fitted, _, method in self.faces if method is None)
+        run_steps(self.fitting(positions, normals, stopwatch))
+
+    def fitting(self, positions: np.ndarray, normals: np.ndarray, stopwatch: Stopwatch) -> Steps:
+        """`fit`, face by face."""
+        fitted_faces, is_cube, culled = yield stopwatch.host_work("points", self._fit_views, positions, normals)
+        if is_cube:
+            self.resolve_flags.append("MANY_FACES")
+        if self.light.shape is not LightShape.SUN:
+            self.reference_m = max((fitted.views.far_m for fitted in fitted_faces), default=1.0)
+        self.faces = [self._face(fitted, culled) for fitted in fitted_faces]
+        if self.taps and self.faces:
+            self.look_up = PERCENTAGE_CLOSER
+            self.statistics.blocker_sample_count, self.statistics.filter_sample_count = self.taps.counts
+        # faces without casters need no map: the first dispatch looks them up too, or one of their own if there is no other
+        self.mapped = [face for face in self.faces if face[2] is not None] or self.faces[:1]
+        self.masks = [1 << fitted.views.face.index for fitted, _, _ in self.mapped]
+        if self.mapped:
+            self.masks[0] |= sum(1 << fitted.views.face.index for fitted, _, method in self.faces if method is None)
         for _, _, method in self.faces:
             if method is not None:
+                yield None
                 with stopwatch.stage("points"):
                     method.prepare()
         for fitted in fitted_faces:
@@ -178,6 +183,18 @@ class LightWork:
             if self.planned.needs_maps:
                 self.statistics.reason = f"{self.planned.reason}; {NO_MAP_REASON}"
         self._update_statistics()
+        self.is_between_batches = True
+
+    def _fit_views(self, positions: np.ndarray, normals: np.ndarray) -> tuple[list[FittedFace], bool, np.ndarray]:
+        """As of `fit_light`, and (instance_count,) bool of `cullable_instances`."""
+        snapshot, bounds = self.scene_data.snapshot, self.plan.bounds
+        receivers = select_receivers(positions, normals, self.light)
+        pixels = self.scene_data.eye_pixels if self.planned.method is Method.EPR else None
+        searched_m = self.taps.samples_m if self.taps else None
+        resolution_px = self.planned.map_resolution_px
+        fitted_faces, is_cube = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, resolution_px, pixels, searched_m)
+        hull = None if self.light.shape is LightShape.SUN else light_hull(self.light, self.samples_m)
+        return fitted_faces, is_cube, cullable_instances(snapshot, bounds, hull)
 
     def _face(self, fitted: FittedFace, culled: np.ndarray) -> LightFace:
         table = face_table(fitted.views, self.light, self.reference_m)
@@ -208,6 +225,11 @@ class LightWork:
         return -(-self.planned.view_count // self.plan.batch_count)
 
     def render_batch(self, batch: int, eye: EyePass, stopwatch: Stopwatch) -> None:
+        run_steps(self.rendering(batch, eye, stopwatch))
+
+    def rendering(self, batch: int, eye: EyePass, stopwatch: Stopwatch) -> Steps:
+        """`render_batch`, pausing between filling maps and looking them up."""
+        self.is_between_batches = False
         selected = self.batch_views(batch)
         self.accumulator.begin_batch(len(eye.buffers))
         turns: FaceTurns | None = None
@@ -217,6 +239,7 @@ class LightWork:
                 with stopwatch.stage("splat or raster"):
                     method.fill(maps, selected)
                 maps = method.kept_maps or maps
+                yield None
             with stopwatch.stage("resolve"):
                 rounds = self._rounds(eye, index, maps, batch)
                 if turns is None:
@@ -224,6 +247,7 @@ class LightWork:
                 for part, look_up in enumerate(rounds):
                     self._reopen_changed(batch, eye, turns, index, part, look_up)
                     self._resolve(part, turns.of(index, part), look_up)
+            yield None
         if not self.faces:
             # nothing visible is reached; surfaces still have to be told from the background
             with stopwatch.stage("resolve"):
@@ -236,6 +260,7 @@ class LightWork:
             with stopwatch.stage("resolve"):
                 self.accumulator.settle(*eye.buffers[-1])
         self._update_statistics()
+        self.batches_done, self.is_between_batches = batch + 1, True
 
     def _may_settle(self, batch: int) -> bool:
         """Once, as soon as enough is known, and not when no batch is left to gain from it."""
@@ -321,5 +346,5 @@ class LightWork:
         """What of a round this light's kernel is bound to; finding tiles' faces takes other parts of it."""
         return {name: bound for name, bound in look_up.items() if name in self.look_up.binding_names}
 
-    def release(self) -> None:
+    def _free(self) -> None:
         self._owned.close()

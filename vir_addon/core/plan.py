@@ -76,6 +76,15 @@ class RenderPlan:
     """what the user should know, the snapshot's notes included"""
     predicted_ms: float = 0.0
 
+    def has_same_steps(self, other: RenderPlan) -> bool:
+        """Whether passes of both are made in the same batches, and with the same settings."""
+        return (self.settings, self.batch_count, self.eye_samples_per_batch, self.eye_sample_count) == (
+            other.settings,
+            other.batch_count,
+            other.eye_samples_per_batch,
+            other.eye_sample_count,
+        )
+
 
 def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     """Decide per light.

@@ -26,7 +26,8 @@ from .passes.eye import EyePass
 from .passes.scene_data import SceneData
 from .plan import RenderPlan, check_device
 from .sampling import pixel_offsets
-from .scene import Light, SceneSnapshot
+from .scene import Light, SceneSnapshot, has_same_meshes, has_same_picture, is_same_light
+from .steps import Steps, run_steps
 from .stopwatch import OnStage, Stopwatch
 
 
@@ -100,7 +101,16 @@ def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device, on_stage: 
 class Renderer:
     """What lives as long as one frame is rendered."""
 
-    def __init__(self, snapshot: SceneSnapshot, plan: RenderPlan, device: Device, on_stage: OnStage | None = None) -> None:
+    def __init__(
+        self,
+        snapshot: SceneSnapshot,
+        plan: RenderPlan,
+        device: Device,
+        on_stage: OnStage | None = None,
+        previous: Renderer | None = None,
+    ) -> None:
+        """previous: on the same device; what it has that is still right is shared, down to the passes of lights that nothing has changed
+        for. Close it afterwards."""
         self.snapshot, self.plan, self.device = snapshot, plan, device
         self.stopwatch = Stopwatch(device, on_stage)
         self.views_total = sum(planned.view_count for planned in plan.passes if planned.runs)
@@ -110,6 +120,9 @@ class Renderer:
         self.surface_share_sum = np.zeros((snapshot.height_px, snapshot.width_px), np.float32)
         self.batches_done = 0
         self.works: list[LightWork] = []
+        self.scene_data: SceneData | None = None
+        self.eye: EyePass | None = None
+        self.store: MapStore | None = None
         self._owned = Owned()
         self._current_offsets: list[int] = []
         self._eye_is_settled = False
@@ -125,6 +138,25 @@ class Renderer:
             notes=list(plan.notes),
         )
         self.stopwatch.shared_ms["extract"] = snapshot.extract_ms
+        if previous is not None:
+            device.run(self._share, previous)
+
+    def _share(self, previous: Renderer) -> None:
+        is_same_picture = has_same_picture(self.snapshot, previous.snapshot)
+        if previous.scene_data is not None and is_same_picture:
+            self.scene_data = self._owned.own(previous.scene_data.share())
+        elif previous.scene_data is not None and has_same_meshes(self.snapshot, previous.snapshot):
+            self.scene_data = self._owned.own(SceneData(self.snapshot, self.device, previous.scene_data.geometry))
+        if not (self.plan.has_same_steps(previous.plan) and self.surface_share_sum.shape == previous.surface_share_sum.shape):
+            return
+        if previous.store is not None:
+            self.store = self._owned.own(previous.store.share())
+        if previous.eye is not None and is_same_picture:
+            self.eye = self._owned.own(previous.eye.share())
+            self.eye.want_all()
+            lights = {light.name: light for light in self.snapshot.lights}
+            works = [work for work in previous.works if work.is_between_batches and work.planned in self.plan.passes]
+            self.works = [self._owned.own(work.share()) for work in works if is_same_light(work.light, lights[work.planned.light_name])]
 
     @property
     def needs_eye(self) -> bool:
@@ -132,49 +164,78 @@ class Renderer:
         return any(planned.runs or planned.surface_value != 1 for planned in self.plan.passes)
 
     def prepare(self) -> None:
+        run_steps(self.preparing())
+
+    def preparing(self) -> Steps:
+        """All that comes before the first batch."""
         for planned in self.plan.passes:
             if not planned.runs:
                 self.statistics.passes.append(PassStatistics(planned.pass_name, planned.light_name, "none", planned.reason))
         if not self.needs_eye:
             return
+        if self.scene_data is None:
+            with self.stopwatch.stage("upload"):
+                self.scene_data = self._owned.own(SceneData(self.snapshot, self.device))
+            yield None
         with self.stopwatch.stage("upload"):
-            self.scene_data = self._owned.own(SceneData(self.snapshot, self.device))
-            self.eye = self._owned.own(EyePass(self.scene_data, self.plan.bounds, self.offsets_px, self.plan.eye_samples_per_batch))
-            self.store = self._owned.own(MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, self.plan))
-        self._render_eye(0)
-        if any(planned.runs for planned in self.plan.passes):
+            if self.eye is None:
+                self.eye = self._owned.own(EyePass(self.scene_data, self.plan.bounds, self.offsets_px, self.plan.eye_samples_per_batch))
+            if self.store is None:
+                self.store = self._owned.own(MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, self.plan))
+        yield None
+        yield from self._preparing_works(self.scene_data, self.eye, self.store)
+
+    def _preparing_works(self, scene_data: SceneData, eye: EyePass, store: MapStore) -> Steps:
+        shared = {work.planned.light_name: work for work in self.works}
+        self.works = []
+        new = [planned for planned in self.plan.passes if planned.runs and planned.light_name not in shared]
+        if new or not shared:
+            self._render_eye(eye, 0)
+            yield None
+        if new:
             with self.stopwatch.stage("read-back"):
-                positions, normals = (self.device.read(texture) for texture in self.eye.buffers[0])
+                positions, normals = (self.device.read(texture) for texture in eye.buffers[0])
+        lights = {light.name: light for light in self.snapshot.lights}
         for planned in self.plan.passes:
-            if planned.runs:
-                work = self._owned.own(LightWork(planned, self.plan, self.scene_data, self.store))
-                self.works.append(work)
-                self.statistics.passes.append(work.statistics)
+            if not planned.runs:
+                continue
+            work = shared.get(planned.light_name)
+            if work is None:
+                work = self._owned.own(LightWork(planned, lights[planned.light_name], self.plan, scene_data, store))
                 with self.stopwatch.billed_to(work.statistics):
-                    work.fit(positions, normals, self.stopwatch)
+                    yield from work.fitting(positions, normals, self.stopwatch)
+                yield None
+            self.works.append(work)
+            self.statistics.passes.append(work.statistics)
         self.statistics.passes.sort(key=lambda statistics: statistics.light_name)
 
-    def _render_eye(self, batch: int) -> None:
+    def _render_eye(self, eye: EyePass, batch: int) -> None:
         first = batch * self.plan.eye_samples_per_batch
         offsets = [(first + part) % self.plan.eye_sample_count for part in range(self.plan.eye_samples_per_batch)]
         if offsets != self._current_offsets:
             with self.stopwatch.stage("eye G-buffer"):
-                self.eye.render(offsets, batch)
+                eye.render(offsets, batch)
             self._current_offsets = offsets
 
     def render_batch(self, batch: int) -> None:
+        run_steps(self.rendering(batch))
+
+    def rendering(self, batch: int) -> Steps:
+        """A batch of all passes that have not had it, light by light."""
         self.batches_done += 1
-        if not self.needs_eye:
+        due = [work for work in self.works if work.batches_done <= batch]
+        if self.eye is None or (self.works and not due):
             return
-        self._render_eye(batch)
+        self._render_eye(self.eye, batch)
         if not self.works:
             # only for passes that are constant on surfaces, which still have to be told from the background
             self.surface_share_sum += self.device.read(self.eye.buffers[0].positions)[..., 3] >= 0
-        for work in self.works:
+        for work in due:
+            yield None
             with self.stopwatch.billed_to(work.statistics):
-                work.render_batch(batch, self.eye, self.stopwatch)
-        if not self._eye_is_settled and self.works and all(work.accumulator.settled_round_count for work in self.works):
-            self.eye.want_only(np.any([work.accumulator.looked_up for work in self.works], axis=0))
+                yield from work.rendering(batch, self.eye, self.stopwatch)
+        if not self._eye_is_settled and due and all(work.accumulator.settled_round_count for work in due):
+            self.eye.want_only(np.any([work.accumulator.looked_up for work in due], axis=0))
             self._eye_is_settled = True
 
     def update_errors(self) -> float:

@@ -265,3 +265,28 @@ class SceneSnapshot:
     def instanced_triangle_count(self) -> int:
         counts = np.array([mesh.triangle_count for mesh in self.meshes], dtype=np.int64)
         return int(counts[self.instances.mesh_index].sum()) if len(self.instances) else 0
+
+
+def has_same_meshes(one: SceneSnapshot, other: SceneSnapshot) -> bool:
+    """Whether both show the very same meshes; equal ones that were read twice do not count."""
+    return len(one.meshes) == len(other.meshes) and all(a is b for a, b in zip(one.meshes, other.meshes, strict=True))
+
+
+def has_same_picture(one: SceneSnapshot, other: SceneSnapshot) -> bool:
+    """Whether the same surfaces stand at the same places before the same camera, whatever lights them."""
+    return (
+        has_same_meshes(one, other)
+        and (one.width_px, one.height_px, one.pixel_filter) == (other.width_px, other.height_px, other.pixel_filter)
+        and _has_same_values(one.camera, other.camera)
+        and _has_same_values(one.instances, other.instances)
+        and np.array_equal(one.world_origin_m, other.world_origin_m)
+    )
+
+
+def is_same_light(one: Light, other: Light) -> bool:
+    return _has_same_values(one, other)
+
+
+def _has_same_values(one: Camera | Instances | Light, other: Camera | Instances | Light) -> bool:
+    """`==` of dataclasses with arrays."""
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in one.__dataclass_fields__)

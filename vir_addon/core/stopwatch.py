@@ -8,9 +8,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..device.interface import Device
+from .steps import HostWork
 
 if TYPE_CHECKING:
     from .pass_set import PassStatistics
@@ -45,6 +46,22 @@ class Stopwatch:
             yield
         finally:
             self._current, self._light_name = before
+
+    def host_work(self, name: str, function: Callable[..., Any], *arguments: Any) -> HostWork:
+        """A stage, billed as of now, that leaves the device alone: returns what to call for it, on any thread."""
+        if self._is_stopped:
+            raise StoppedError
+        if self._on_stage is not None:
+            self._on_stage(name, self._light_name)
+        billed = self._current
+
+        def call() -> Any:
+            start = time.perf_counter()
+            result = function(*arguments)
+            billed[name] = billed.get(name, 0.0) + (time.perf_counter() - start) * 1e3
+            return result
+
+        return call
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import abc
 import contextlib
-from typing import Protocol, TypeVar
+from typing import Protocol, Self, TypeVar
 
 
 class Releasable(Protocol):
@@ -23,3 +24,23 @@ class Owned(contextlib.ExitStack):
     def own(self, thing: Held) -> Held:
         self.callback(thing.release)
         return thing
+
+
+class Shared(abc.ABC):
+    """Has several holders, and goes when the last of them releases it."""
+
+    _holder_count = 1
+
+    def share(self) -> Self:
+        """For another holder, to be released as often as held."""
+        self._holder_count += 1
+        return self
+
+    def release(self) -> None:
+        self._holder_count -= 1
+        if self._holder_count == 0:
+            self._free()
+
+    @abc.abstractmethod
+    def _free(self) -> None:
+        """Release everything."""

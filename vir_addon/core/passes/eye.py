@@ -14,7 +14,7 @@ import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table, Varying
 from ...device.interface import Texture, TextureFormat
-from ...device.owned import Owned
+from ...device.owned import Owned, Shared
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera
 from .opacity_maps import of_cut_outs
@@ -101,7 +101,7 @@ class GBuffer(NamedTuple):
     normals: Texture
 
 
-class EyePass:
+class EyePass(Shared):
     """Renders G-buffers of the snapshot's camera; `buffers` holds those of the current batch."""
 
     def __init__(self, scene_data: SceneData, bounds: SceneBounds, offsets_px: np.ndarray, samples_per_batch: int = 1) -> None:
@@ -166,6 +166,10 @@ class EyePass:
         tiles = TileSplit(self.device, wanted)
         self.tiles.release()
         self.tiles = tiles
+
+    def want_all(self) -> None:
+        if not self.tiles.is_walked.all():
+            self.want_only(np.ones_like(self.tiles.is_walked))
 
     def want_also(self, added: np.ndarray) -> None:
         """Render these tiles as well, from this batch on, (rows, columns) bool."""
@@ -233,7 +237,7 @@ class EyePass:
         table[3, 3] = self.camera.is_orthographic
         return table
 
-    def release(self) -> None:
+    def _free(self) -> None:
         self.tiles.release()
         self._owned.close()
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...device.declaration import Sampled
 from ...device.interface import Device, DeviceMesh, Draw, Texture, split_integers
-from ...device.owned import Owned
+from ...device.owned import Owned, Shared
 from ..eye_pixels import eye_pixels
 from ..scene import Mesh, SceneSnapshot
 from .opacity_maps import OpacityMaps
@@ -51,37 +51,28 @@ def _shading_of(mesh: Mesh) -> int:
     return SHADING_POINT if mesh.point_normals_os is not None else SHADING_FLAT
 
 
-class SceneData:
-    """Uploads a snapshot. Release it with `release()`; meshes for the rasterizer are uploaded when first drawn."""
+class SceneGeometry(Shared):
+    """Meshes on the device, wherever instances of them are. Those for the rasterizer are uploaded when first drawn."""
 
-    def __init__(self, snapshot: SceneSnapshot, device: Device) -> None:
-        self.snapshot, self.device = snapshot, device
-        self.eye_pixels = eye_pixels(snapshot)
+    def __init__(self, meshes: tuple[Mesh, ...], device: Device) -> None:
+        self.meshes, self.device = meshes, device
         self._drawables: dict[int, DeviceMesh] = {}
-        meshes = snapshot.meshes
         vertex_counts = [mesh.vertex_count for mesh in meshes]
-        triangle_counts = np.array([mesh.triangle_count for mesh in meshes], np.int64)
+        self.triangle_counts = np.array([mesh.triangle_count for mesh in meshes], np.int64)
         corner_counts = [mesh.triangle_count if mesh.corner_normals_os is not None else 0 for mesh in meshes]
-        self.triangle_counts = triangle_counts
         self.vertex_bases, self.triangle_bases, self.corner_bases = (
-            np.concatenate([[0], np.cumsum(counts)]).astype(np.int64) for counts in (vertex_counts, triangle_counts, corner_counts)
+            np.concatenate([[0], np.cumsum(counts)]).astype(np.int64) for counts in (vertex_counts, self.triangle_counts, corner_counts)
         )
         self.shading = np.array([_shading_of(mesh) for mesh in meshes], np.int64)
-        self.orientation = np.where(np.linalg.det(snapshot.instances.world_from_object[:, :3, :3].astype(np.float64)) < 0, -1.0, 1.0)
-        is_cut_out = np.array([mesh.opacity_map is not None for mesh in meshes], bool)
-        self.cut_out = is_cut_out[snapshot.instances.mesh_index]
-        """(instance_count,) bool: instances with an opacity map"""
         with Owned() as owned:
             self.vertices = owned.own(device.upload_array(self._vertex_rows()))
             self.triangles = owned.own(device.upload_array(self._triangle_rows()))
             self.corner_normals = owned.own(device.upload_array(self._corner_rows()))
-            self.instances = owned.own(device.upload_array(self._instance_rows()))
-            self.opacity_maps = owned.own(OpacityMaps(snapshot, device)) if is_cut_out.any() else None
             self._owned = owned.pop_all()
 
     def _vertex_rows(self) -> np.ndarray:
         rows = np.zeros((int(self.vertex_bases[-1]), 4), np.float32)
-        for mesh, base in zip(self.snapshot.meshes, self.vertex_bases, strict=False):
+        for mesh, base in zip(self.meshes, self.vertex_bases, strict=False):
             part = rows[base : base + mesh.vertex_count]
             part[:, :3] = mesh.positions_os
             if mesh.point_normals_os is not None:
@@ -90,7 +81,7 @@ class SceneData:
 
     def _triangle_rows(self) -> np.ndarray:
         rows = np.zeros((int(self.triangle_bases[-1]), 4), np.float32)
-        for mesh, base in zip(self.snapshot.meshes, self.triangle_bases, strict=False):
+        for mesh, base in zip(self.meshes, self.triangle_bases, strict=False):
             rows[base : base + mesh.triangle_count, :3] = mesh.triangles
             if mesh.material_slot is not None:
                 rows[base : base + mesh.triangle_count, 3] = mesh.material_slot
@@ -98,20 +89,50 @@ class SceneData:
 
     def _corner_rows(self) -> np.ndarray:
         rows = np.zeros((int(self.corner_bases[-1]), 4), np.float32)
-        for mesh, base in zip(self.snapshot.meshes, self.corner_bases, strict=False):
+        for mesh, base in zip(self.meshes, self.corner_bases, strict=False):
             if mesh.corner_normals_os is not None:
                 rows[base : base + mesh.triangle_count, :3] = pack_directions(mesh.corner_normals_os)
         return rows
 
+    def drawable(self, mesh_index: int) -> DeviceMesh:
+        if mesh_index not in self._drawables:
+            mesh = self.meshes[mesh_index]
+            self._drawables[mesh_index] = self._owned.own(self.device.upload_mesh(mesh.positions_os, mesh.triangles))
+        return self._drawables[mesh_index]
+
+    def _free(self) -> None:
+        self._owned.close()
+
+
+class SceneData(Shared):
+    """Uploads a snapshot."""
+
+    def __init__(self, snapshot: SceneSnapshot, device: Device, geometry: SceneGeometry | None = None) -> None:
+        """geometry: of the same meshes, if there is one already"""
+        self.snapshot, self.device = snapshot, device
+        self.eye_pixels = eye_pixels(snapshot)
+        self.orientation = np.where(np.linalg.det(snapshot.instances.world_from_object[:, :3, :3].astype(np.float64)) < 0, -1.0, 1.0)
+        is_cut_out = np.array([mesh.opacity_map is not None for mesh in snapshot.meshes], bool)
+        self.cut_out = is_cut_out[snapshot.instances.mesh_index]
+        """(instance_count,) bool: instances with an opacity map"""
+        with Owned() as owned:
+            self.geometry = owned.own(SceneGeometry(snapshot.meshes, device) if geometry is None else geometry.share())
+            self.triangle_counts = self.geometry.triangle_counts
+            self.vertices, self.triangles = self.geometry.vertices, self.geometry.triangles
+            self.corner_normals = self.geometry.corner_normals
+            self.instances = owned.own(device.upload_array(self._instance_rows()))
+            self.opacity_maps = owned.own(OpacityMaps(snapshot, device)) if is_cut_out.any() else None
+            self._owned = owned.pop_all()
+
     def _instance_rows(self) -> np.ndarray:
-        instances = self.snapshot.instances
+        instances, geometry = self.snapshot.instances, self.geometry
         rows = np.zeros((len(instances), INSTANCE_TEXELS, 4), np.float32)
         rows[:, :3] = instances.world_from_object[:, :3]
         mesh = instances.mesh_index
-        rows[:, 3, :2] = split_integers(self.vertex_bases[mesh])
-        rows[:, 3, 2:] = split_integers(self.triangle_bases[mesh])
-        rows[:, 4, :2] = split_integers(self.corner_bases[mesh])
-        rows[:, 4, 2] = self.shading[mesh]
+        rows[:, 3, :2] = split_integers(geometry.vertex_bases[mesh])
+        rows[:, 3, 2:] = split_integers(geometry.triangle_bases[mesh])
+        rows[:, 4, :2] = split_integers(geometry.corner_bases[mesh])
+        rows[:, 4, 2] = geometry.shading[mesh]
         rows[:, 4, 3] = self.orientation
         rows[:, 5, :2] = split_integers(instances.stable_id)
         return rows.reshape(-1, 4)
@@ -119,12 +140,6 @@ class SceneData:
     @property
     def bindings(self) -> dict[str, Texture]:
         return {"vertices": self.vertices, "triangles": self.triangles, "instances": self.instances}
-
-    def drawable(self, mesh_index: int) -> DeviceMesh:
-        if mesh_index not in self._drawables:
-            mesh = self.snapshot.meshes[mesh_index]
-            self._drawables[mesh_index] = self._owned.own(self.device.upload_mesh(mesh.positions_os, mesh.triangles))
-        return self._drawables[mesh_index]
 
     def draws(self, instance_indices: np.ndarray, culled: np.ndarray | None = None) -> list[Draw]:
         """Draw calls for some instances, runs of consecutive instances of one mesh as one instanced draw.
@@ -142,7 +157,7 @@ class SceneData:
         starts = np.flatnonzero(np.r_[True, breaks])
         ends = np.r_[starts[1:], len(order)]
         return [
-            Draw(self.drawable(int(mesh[start])), int(end - start), {"first_instance": int(order[start])}, bool(cull[start]))
+            Draw(self.geometry.drawable(int(mesh[start])), int(end - start), {"first_instance": int(order[start])}, bool(cull[start]))
             for start, end in zip(starts, ends, strict=True)
         ]
 
@@ -162,7 +177,7 @@ class SceneData:
         rows[:, 3] = two_sided[instance]
         return WorkTable(self.device.upload_array(rows), len(rows), int(counts.sum()))
 
-    def release(self) -> None:
+    def _free(self) -> None:
         self._owned.close()
 
 
