@@ -223,57 +223,63 @@ def box_corners(points: np.ndarray) -> np.ndarray:
 
 
 def _tangent_bounds(points: np.ndarray, near_m: float, limits: tuple[float, float, float, float]) -> np.ndarray:
-    """Bounds of sets of points as a view sees them: (set, point, 3) face space -> (set, 4) left, right, bottom, top.
+    """Bounds of sets of points as a view sees them: (3, point, set) face space -> (4, set) left, right, bottom, top.
 
     Clipped to the limits. A set that reaches behind the near depth fills them as far as it may; one without a visible point has
     left > right.
     """
-    z = points[..., 2]
+    sides, z = points[:2], points[2]
     behind = z <= near_m
-    low, high = np.array(limits[0::2]), np.array(limits[1::2])
-    tangents = points[..., :2] / np.maximum(z, near_m)[..., None]
-    smallest, largest = np.maximum(tangents.min(axis=-2), low), np.minimum(tangents.max(axis=-2), high)
-    crossing = behind.any(axis=-1)
-    if crossing.any():
+    depth = np.maximum(z, near_m)
+    bounds = np.empty((4, z.shape[1]))
+    for axis in (0, 1):
+        tangents = sides[axis] / depth
+        bounds[2 * axis] = np.maximum(tangents.min(axis=0), limits[2 * axis])
+        bounds[2 * axis + 1] = np.minimum(tangents.max(axis=0), limits[2 * axis + 1])
+    crossing = np.flatnonzero(behind.any(axis=0))
+    if len(crossing):
         # what is before the near depth has no projection; a set wholly to one side still cannot come nearer to the axis than its
         # deepest point would
-        sides, deepest = points[crossing][..., :2], z[crossing].max(axis=-1)[:, None]
-        deepest = np.maximum(deepest, near_m)
-        nearest_low, nearest_high = sides.min(axis=-2) / deepest, sides.max(axis=-2) / deepest
-        smallest[crossing] = np.where(nearest_low > 0, np.maximum(nearest_low, low), low)
-        largest[crossing] = np.where(nearest_high < 0, np.minimum(nearest_high, high), high)
-    bounds = np.stack([smallest[..., 0], largest[..., 0], smallest[..., 1], largest[..., 1]], axis=-1)
-    bounds[behind.all(axis=-1)] = NOTHING
+        deepest = np.maximum(z[:, crossing].max(axis=0), near_m)
+        for axis in (0, 1):
+            low, high = limits[2 * axis], limits[2 * axis + 1]
+            crossing_sides = sides[axis][:, crossing]
+            nearest_low, nearest_high = crossing_sides.min(axis=0) / deepest, crossing_sides.max(axis=0) / deepest
+            bounds[2 * axis, crossing] = np.where(nearest_low > 0, np.maximum(nearest_low, low), low)
+            bounds[2 * axis + 1, crossing] = np.where(nearest_high < 0, np.minimum(nearest_high, high), high)
+    bounds[:, behind.all(axis=0)] = NOTHING[:, None]
     return bounds
 
 
-def _may_be_in_face(points: np.ndarray, hull_fs: np.ndarray, near_m: float, limits: tuple[float, float, float, float]) -> np.ndarray:
-    """(n,) bool: points, (n, 3) face space, that some view in the box around the hull may have within the face's limits."""
+def _may_be_in_face(sets: np.ndarray, hull_fs: np.ndarray, near_m: float, limits: tuple[float, float, float, float]) -> np.ndarray:
+    """(n,) bool: hulls of points, (n, m, 3) face space, of which some view in the box around the hull may have a part within the limits."""
     low, high = hull_fs.min(axis=0), hull_fs.max(axis=0)
-    deepest = points[:, 2] - low[2]
-    inside = deepest > near_m
-    for axis in (0, 1):
-        inside &= points[:, axis] - high[axis] <= max(limits[2 * axis + 1], 0.0) * deepest
-        inside &= points[:, axis] - low[axis] >= min(limits[2 * axis], 0.0) * deepest
+    x, y, z = np.moveaxis(sets, -1, 0)
+    deepest = z - low[2]
+    inside = (deepest > near_m).any(axis=-1)
+    for axis, sides in enumerate((x, y)):
+        inside &= (sides - high[axis] <= max(limits[2 * axis + 1], 0.0) * deepest).any(axis=-1)
+        inside &= (sides - low[axis] >= min(limits[2 * axis], 0.0) * deepest).any(axis=-1)
     return inside
 
 
 def _is_empty(bounds: np.ndarray) -> np.ndarray:
-    return (bounds[..., 0] > bounds[..., 1]) | (bounds[..., 2] > bounds[..., 3])
+    """(...) bool of (4, ...) bounds"""
+    return (bounds[0] > bounds[1]) | (bounds[2] > bounds[3])
 
 
 def _intersect(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Of (..., 4) bounds"""
-    low, high = np.maximum(a, b), np.minimum(a, b)
-    return np.stack([low[..., 0], high[..., 1], low[..., 2], high[..., 3]], axis=-1)
+    """(4, ...) of bounds that broadcast against each other"""
+    low, high = np.maximum(a[0::2], b[0::2]), np.minimum(a[1::2], b[1::2])
+    return np.stack([low[0], high[0], low[1], high[1]])
 
 
 def _union(bounds: np.ndarray) -> np.ndarray:
-    """(set, 4) -> (4,) around the sets that are not empty; empty when all are."""
-    kept = bounds[~_is_empty(bounds)]
-    if not len(kept):
+    """(4, set) -> (4,) around the sets that are not empty; empty when all are."""
+    kept = bounds[:, ~_is_empty(bounds)]
+    if not kept.shape[1]:
         return NOTHING
-    return np.array([kept[:, 0].min(), kept[:, 1].max(), kept[:, 2].min(), kept[:, 3].max()])
+    return np.array([kept[0].min(), kept[1].max(), kept[2].min(), kept[3].max()])
 
 
 def finest_tangent(points_fs: np.ndarray, centers_fs: np.ndarray, widths_m: np.ndarray) -> float:
@@ -313,7 +319,7 @@ def fit_face(
     far_m = float(points[:, 2].max() - hull_fs[:, 2].min())
     if far_m <= 0:
         return None
-    in_face = _may_be_in_face(points, hull_fs, NEAR_SHARE_OF_FAR * far_m, face.limits)
+    in_face = _may_be_in_face(points[:, None], hull_fs, NEAR_SHARE_OF_FAR * far_m, face.limits)
     if not in_face.any():
         return None
     points = points[in_face]
@@ -329,28 +335,33 @@ def fit_face(
         points = _searched_places(points, box_corners(searched_m) @ light_axes(light) @ rotation.T, first_m)
         left, right, bottom, top = face.limits
         limits = (left - SEARCH_TANGENT, right + SEARCH_TANGENT, bottom - SEARCH_TANGENT, top + SEARCH_TANGENT)
+    may_be_seen = _may_be_in_face(corners, hull_fs, near_m, limits)
+    corners, caster_indices = corners[may_be_seen], casters.indices[may_be_seen]
     exact = len(centers_fs) * len(corners) <= MAX_PAIRS
     eyes = centers_fs if exact else hull_fs
     seen = np.zeros((len(eyes), len(corners)), bool)
-    windows = np.zeros((len(eyes), 4))
+    windows = np.zeros((4, len(eyes)))
     nearest_m = np.inf
+    # coordinate by coordinate: views times corners are what this function's time goes by
+    receiving, casting = np.ascontiguousarray(points.T)[:, None], np.ascontiguousarray(corners.transpose(2, 1, 0))
     for index, eye in enumerate(eyes):
-        received = _with_margin(_union(_tangent_bounds((points - eye)[:, None], near_m, limits)), receivers.margin, limits)
-        shadowing = _intersect(_tangent_bounds(corners - eye, near_m, limits), received)
-        depth = (corners[..., 2] - eye[2]).min(axis=-1)
-        shadowing[depth >= far_m] = NOTHING
+        received = _with_margin(_union(_tangent_bounds(receiving - eye[:, None, None], near_m, limits)), receivers.margin, limits)
+        from_eye = casting - eye[:, None, None]
+        shadowing = _intersect(_tangent_bounds(from_eye, near_m, limits), received[:, None])
+        depth = from_eye[2].min(axis=0)
+        shadowing[:, depth >= far_m] = NOTHING[:, None]
         seen[index] = ~_is_empty(shadowing)
         nearest_m = min(nearest_m, depth[seen[index]].min(initial=np.inf))
-        windows[index] = _union(shadowing)
+        windows[:, index] = _union(shadowing)
     needed = seen.any(axis=0)
     if not needed.any():
         return _face_without_casters(face, light, centers_fs, samples_m, near_m, far_m)
     if not exact:
-        windows = np.tile(_union(windows), (len(centers_fs), 1))
+        windows = np.tile(_union(windows)[:, None], len(centers_fs))
         seen = np.tile(needed, (len(centers_fs), 1))
-    windows[_is_empty(windows)] = 0
-    views = fit_windows(face, centers_fs, samples_m, windows, resolution_px, near_m, far_m, center, finest_tangent=finest)
-    return FittedFace(views, casters.indices[needed], seen[:, needed], float(nearest_m))
+    windows[:, _is_empty(windows)] = 0
+    views = fit_windows(face, centers_fs, samples_m, windows.T, resolution_px, near_m, far_m, center, finest_tangent=finest)
+    return FittedFace(views, caster_indices[needed], seen[:, needed], float(nearest_m))
 
 
 def _with_margin(bounds: np.ndarray, margin: float, limits: tuple[float, float, float, float]) -> np.ndarray:
@@ -373,10 +384,9 @@ def _face_without_casters(
 
 
 def _sheared_bounds(points: np.ndarray, shear: np.ndarray) -> np.ndarray:
-    """(set, point, 3) along the sun's axes -> (set, 4) left, right, bottom, top where the map of a direction has them, metres"""
-    places = points[..., :2] - shear * points[..., 2:]
-    low, high = places.min(axis=-2), places.max(axis=-2)
-    return np.stack([low[..., 0], high[..., 0], low[..., 1], high[..., 1]], axis=-1)
+    """(3, point, set) along the sun's axes -> (4, set) left, right, bottom, top where the map of a direction has them, metres"""
+    x, y = (points[axis] - shear[axis] * points[2] for axis in (0, 1))
+    return np.stack([x.min(axis=0), x.max(axis=0), y.min(axis=0), y.max(axis=0)])
 
 
 def fit_sun(
@@ -399,22 +409,22 @@ def fit_sun(
         aside = points[:, None] - before_m[:, None, None] * (box_corners(searched_m) * [1, 1, 0])
         points = np.concatenate([points, aside.reshape(-1, 3)])
     seen = np.zeros((len(samples_m), len(corners)), bool)
-    windows = np.zeros((len(samples_m), 4))
     exact = len(samples_m) * len(corners) <= MAX_PAIRS
     shears = samples_m[:, :2] if exact else box_corners(samples_m)[:, :2]
     views_of = [np.array([index]) for index in range(len(samples_m))] if exact else [np.arange(len(samples_m))] * len(shears)
     found = []
+    receiving, casting = np.ascontiguousarray(points.T)[..., None], np.ascontiguousarray(corners.transpose(2, 1, 0))
     for index, shear in enumerate(shears):
-        received = _with_margin(_sheared_bounds(points[None], shear)[0], receivers.margin, limits)
-        shadowing = _intersect(_sheared_bounds(corners, shear), received)
-        shadowing[deepest_first >= farthest] = NOTHING
+        received = _with_margin(_sheared_bounds(receiving, shear)[:, 0], receivers.margin, limits)
+        shadowing = _intersect(_sheared_bounds(casting, shear), received[:, None])
+        shadowing[:, deepest_first >= farthest] = NOTHING[:, None]
         seen[views_of[index]] |= ~_is_empty(shadowing)
         found.append(_union(shadowing))
     needed = seen.any(axis=0)
     if not needed.any():
         return _face_without_casters(face, light, np.zeros_like(samples_m), samples_m, NEAR_SHARE_OF_FAR, 1.0)
-    windows[:] = np.array(found) if exact else _union(np.array(found))
-    windows[_is_empty(windows)] = 0
+    windows = np.stack(found, axis=1) if exact else np.tile(_union(np.stack(found, axis=1))[:, None], len(samples_m))
+    windows[:, _is_empty(windows)] = 0
     first = float(deepest_first[needed].min())
     depth_m = max(farthest - first, 1e-6) * (1 + min(receivers.margin, 1.0))
     near_m = float(NEAR_SHARE_OF_FAR * depth_m)
@@ -422,7 +432,7 @@ def fit_sun(
     # moving the origin along the axis moves a sheared view: its centre moves back by as much
     centers_fs = samples_m * start
     views = fit_windows(
-        face, centers_fs, samples_m, windows, resolution_px, near_m, depth_m + 3 * near_m, start * axes[2], shear_depth_m=depth_m
+        face, centers_fs, samples_m, windows.T, resolution_px, near_m, depth_m + 3 * near_m, start * axes[2], shear_depth_m=depth_m
     )
     return FittedFace(views, casters.indices[needed], seen[:, needed], near_m)
 

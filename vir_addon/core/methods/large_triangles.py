@@ -15,6 +15,9 @@ from .linear_store import LinearStore
 
 TEXELS_PER_TRIANGLE = 3
 BYTES_PER_TRIANGLE = 48
+DEPTH_STEPS = 1 << 16
+"""that an instance's triangles are sorted by; within one of them the order does not matter"""
+FINGERPRINT_BITS = 24
 
 
 @dataclass(frozen=True)
@@ -46,16 +49,22 @@ def _front_to_back(triangles: np.ndarray, instance: np.ndarray) -> np.ndarray:
     Kernels list triangles in any order, and where two are equally deep the rasterizer keeps the first: the order hangs on the corners
     alone. triangles: (n, 3, 3) float32 corners, face space
     """
-    order = np.argsort(_fingerprints(triangles))
-    depth_m, instance = triangles[order, :, 2].sum(axis=1) / 3, instance[order]
-    mean_depth_m = np.bincount(instance, depth_m) / np.maximum(np.bincount(instance), 1)
-    return order[np.lexsort((depth_m, instance, mean_depth_m[instance]))]
+    depth_m = triangles[:, :, 2].min(axis=1)
+    nearest_m = np.full(int(instance.max()) + 1, np.inf, np.float32)
+    np.minimum.at(nearest_m, instance, depth_m)
+    rank = np.empty(len(nearest_m), np.uint64)
+    rank[np.argsort(nearest_m, kind="stable")] = np.arange(len(nearest_m), dtype=np.uint64)
+    first_m, last_m = float(depth_m.min()), float(depth_m.max())
+    step = ((depth_m - first_m) * ((DEPTH_STEPS - 1) / max(last_m - first_m, 1e-30))).astype(np.uint64)
+    # one number for sorting: comparing three arrays takes five times as long
+    return np.argsort((rank[instance] * DEPTH_STEPS + step) << np.uint64(FINGERPRINT_BITS) | _fingerprints(triangles))
 
 
 def _fingerprints(triangles: np.ndarray) -> np.ndarray:
-    """(n,) uint64, the same for the same corners; triangles: (n, 3, 3) float32"""
-    bits = np.ascontiguousarray(triangles).view(np.uint32).reshape(-1, 9).astype(np.uint64)
-    return (bits * np.random.default_rng(20220).integers(0, 1 << 64, 9, dtype=np.uint64)).sum(axis=1, dtype=np.uint64)
+    """(n,) uint64 of FINGERPRINT_BITS bits, the same for the same corners; triangles: (n, 3, 3) float32"""
+    bits = np.ascontiguousarray(triangles).view(np.uint32).reshape(-1, 9)
+    factors = np.random.default_rng(20220).integers(0, 1 << 32, 9, dtype=np.uint32) | np.uint32(1)
+    return (np.einsum("ij,j->i", bits, factors) >> np.uint32(32 - FINGERPRINT_BITS)).astype(np.uint64)
 
 
 class LargeTriangles:
