@@ -334,7 +334,7 @@ def test_far_from_the_origin_nothing_is_lost(scene, add, take):
 
 def cube_mesh() -> Mesh:
     positions = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float32)
-    return Mesh("cube", positions, np.array([(0, 1, 2)], dtype=np.int32))
+    return Mesh("cube", positions, np.array([(0, 1, 2), (5, 6, 7)], dtype=np.int32))
 
 
 def moved(*position: float) -> np.ndarray:

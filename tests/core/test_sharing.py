@@ -36,7 +36,10 @@ AFTER = {
     "nothing": (BEFORE, {"geometry", "scene data", "eye", "Key", "Fill"}),
     "a light moved": (snapshot(MESHES, [MOVED_KEY, FILL], CAMERA, WIDTH, HEIGHT), {"geometry", "scene data", "eye", "Fill"}),
     "a light removed": (snapshot(MESHES, [FILL], CAMERA, WIDTH, HEIGHT), {"geometry", "scene data", "eye", "Fill"}),
-    "a light added": (snapshot(MESHES, [KEY, FILL, sun_light("Sun")], CAMERA, WIDTH, HEIGHT), {"geometry", "scene data", "eye", "Key", "Fill"}),
+    "a light added": (
+        snapshot(MESHES, [KEY, FILL, sun_light("Sun")], CAMERA, WIDTH, HEIGHT),
+        {"geometry", "scene data", "eye", "Key", "Fill"},
+    ),
     "another view": (
         snapshot(MESHES, [KEY, FILL], perspective_camera((2.0, -5.0, 3.5), (0.0, 0.0, 0.5), WIDTH, HEIGHT), WIDTH, HEIGHT),
         {"geometry"},
@@ -44,7 +47,7 @@ AFTER = {
     "an object moved": (snapshot(MESHES, [KEY, FILL], CAMERA, WIDTH, HEIGHT, transforms=moved_ball()), {"geometry"}),
     "an object changed": (snapshot(dented_ball(), [KEY, FILL], CAMERA, WIDTH, HEIGHT), set()),
     "another size": (snapshot(MESHES, [KEY, FILL], CAMERA, 40, 24), {"geometry"}),
-}  # fmt: skip
+}
 
 
 def shared_parts(one: Renderer, other: Renderer) -> set[str]:

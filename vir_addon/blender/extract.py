@@ -14,12 +14,14 @@ import numpy as np
 
 from ..core.errors import SceneError
 from ..core.scene import LeftOut, Light, SceneSnapshot
-from .extract_camera import extract_camera, extract_picture, extract_pixel_filter
+from .extract_camera import Picture, extract_camera, extract_picture, extract_pixel_filter
 from .extract_instances import ObjectTable, PlacedInstances, SurfaceRows
 from .extract_lights import LightRow, name_lights, place_light, read_light
 from .light_linking import read_linking
 from .material_opacity import MaterialReader
+from .mesh_cache import MeshCache
 from .render_depsgraph import engine_of
+from .viewport_view import ViewportView
 
 _UNRENDERABLE = {
     "CURVES": ("curves", "hair curves are not surfaces that VIR can render yet"),
@@ -30,18 +32,29 @@ _UNRENDERABLE = {
 """object type -> what its data must have to show anything (None: always), why it is left out"""
 
 
-def snapshot(depsgraph: bpy.types.Depsgraph, *, resolution: tuple[int, int] | None = None) -> SceneSnapshot:
+def snapshot(
+    depsgraph: bpy.types.Depsgraph,
+    *,
+    resolution: tuple[int, int] | None = None,
+    view: ViewportView | None = None,
+    cache: MeshCache | None = None,
+) -> SceneSnapshot:
     """Everything that renders, as numpy arrays that outlive the depsgraph.
 
     resolution: width and height of the whole frame in place of the scene's; a cropping render border cuts its part out of that.
-    Raises SceneError for a scene that no renderer could make a picture of.
+    view: looked from instead of the scene's camera, which then need not exist. cache: of the same depsgraph; meshes that it knows are
+    the same objects in every snapshot.
+    Raises SceneError for a scene that no renderer could make a picture of, OutOfTimeError as the cache demands.
     """
     start_s = time.perf_counter()
     scene = depsgraph.scene_eval
-    if scene.camera is None:  # before any work: reading a large scene takes a while
+    if view is not None:
+        picture = Picture(view.width_px, view.height_px, view.width_px, view.height_px)
+    elif scene.camera is None:  # before any work: reading a large scene takes a while
         raise SceneError(f"The scene '{scene.name}' has no camera. Add one, or make one the active camera.")
-    picture = extract_picture(scene.render, resolution)
-    surfaces, light_rows, left_out = _walk(depsgraph)
+    else:
+        picture = extract_picture(scene.render, resolution)
+    surfaces, light_rows, left_out = _walk(depsgraph, frozenset() if view is None else view.hidden_uids, cache)
     placed = surfaces.place()
     lights, unplaced = _place_lights(light_rows, placed, depsgraph)
     return SceneSnapshot(
@@ -53,23 +66,30 @@ def snapshot(depsgraph: bpy.types.Depsgraph, *, resolution: tuple[int, int] | No
         meshes=placed.meshes,
         instances=placed.instances,
         lights=lights,
-        camera=extract_camera(scene.camera, scene.render, picture, placed.world_origin_m),
+        camera=view.camera(placed.world_origin_m) if view else extract_camera(scene.camera, scene.render, picture, placed.world_origin_m),
         pixel_filter=extract_pixel_filter(scene, engine_of(depsgraph.scene)),
         world_origin_m=placed.world_origin_m,
         left_out=_sorted_left_out([*left_out, *placed.left_out, *unplaced]),
-        notes=tuple(_notes(depsgraph, placed) + sorted(surfaces.materials.notes)),
+        notes=tuple((_notes(depsgraph, placed) if view is None else []) + sorted(surfaces.materials.notes)),
         extract_ms=1e3 * (time.perf_counter() - start_s),
     )
 
 
-def _walk(depsgraph: bpy.types.Depsgraph) -> tuple[SurfaceRows, list[LightRow], list[LeftOut]]:
-    """One pass over all that the depsgraph shows. No item, nor anything it hands out, is kept beyond its turn."""
+def _walk(
+    depsgraph: bpy.types.Depsgraph, outside_uids: frozenset[int], cache: MeshCache | None
+) -> tuple[SurfaceRows, list[LightRow], list[LeftOut]]:
+    """One pass over all that the depsgraph shows. No item, nor anything it hands out, is kept beyond its turn.
+
+    outside_uids: objects whose surfaces are not seen, nor their lights while there are others.
+    """
     is_viewport = depsgraph.mode == "VIEWPORT"
     hidden_uids = _not_in_rendered_collections(depsgraph.view_layer) if is_viewport else frozenset()
     objects = ObjectTable(depsgraph.view_layer_eval, hidden_uids)
-    materials = MaterialReader(engine_of(depsgraph.scene), depsgraph.view_layer_eval.material_override)
-    surfaces = SurfaceRows(objects, materials, is_viewport=is_viewport)
+    read_with = MaterialReader if cache is None else cache.material_reader
+    materials = read_with(engine_of(depsgraph.scene), depsgraph.view_layer_eval.material_override)
+    surfaces = SurfaceRows(objects, materials, is_viewport=is_viewport, cache=cache)
     light_rows: list[LightRow] = []
+    outside_light_rows: list[LightRow] = []
     left_out: list[LeftOut] = []
     uses_portals = engine_of(depsgraph.scene) == "CYCLES"
     for item in depsgraph.object_instances:
@@ -82,6 +102,9 @@ def _walk(depsgraph: bpy.types.Depsgraph) -> tuple[SurfaceRows, list[LightRow], 
         object_row = objects.row(item.instance_object if is_instance else shown)
         instancer_row = objects.row(item.parent) if is_instance else object_row
         if is_viewport and (objects.rows[object_row].hide_render or objects.rows[instancer_row].hide_render):
+            continue
+        is_outside = objects.rows[instancer_row].uid in outside_uids
+        if is_outside and kind != "LIGHT":
             continue
         if is_surface and item.show_particles and len(shown.particle_systems):
             left_out += _hair(shown)
@@ -96,8 +119,8 @@ def _walk(depsgraph: bpy.types.Depsgraph) -> tuple[SurfaceRows, list[LightRow], 
         elif uses_portals and shown.data.type == "AREA" and shown.data.cycles.is_portal:
             left_out.append(LeftOut(shown.name, "light portals give no light of their own"))
         else:
-            light_rows.append(read_light(item))
-    return surfaces, light_rows, left_out + materials.left_out
+            (outside_light_rows if is_outside else light_rows).append(read_light(item))
+    return surfaces, light_rows or outside_light_rows, left_out + materials.left_out
 
 
 def _hair(shown: bpy.types.Object) -> list[LeftOut]:

@@ -68,7 +68,7 @@ def extract_camera(
         raise SceneError(f"The camera '{name}' is {kind}. Only perspective and orthographic cameras can be rendered.")
     world_from_camera = np.array(camera_object.matrix_world, dtype=np.float64)
     world_from_camera[:3, 3] -= world_origin_m
-    world_from_view, is_mirrored = _rigid(world_from_camera, name)
+    world_from_view, is_mirrored = split_rigid(world_from_camera, name)
     window = _crop(compute_window(data, render, picture.frame_width_px, picture.frame_height_px), picture)
     if not np.isfinite(window).all() or window[0] == window[1] or window[2] == window[3]:
         raise SceneError(f"The camera '{name}' shows nothing: check its focal length, sensor or orthographic scale.")
@@ -120,7 +120,7 @@ def _crop(window: Window, picture: Picture) -> Window:
     )
 
 
-def _rigid(world_from_camera: np.ndarray, name: str) -> tuple[np.ndarray, bool]:
+def split_rigid(world_from_camera: np.ndarray, name: str) -> tuple[np.ndarray, bool]:
     """(4, 4) right-handed and orthonormal, and whether the camera was mirrored.
 
     Blender takes the lengths out of the axes. It leaves a mirrored camera mirrored, and its picture with it; here the x axis is turned

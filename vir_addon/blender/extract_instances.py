@@ -17,6 +17,7 @@ import numpy as np
 from ..core.scene import Instances, LeftOut, Mesh
 from .extract_mesh import extract_mesh
 from .material_opacity import MaterialOpacity, MaterialReader
+from .mesh_cache import MeshCache, ReadMesh
 from .mesh_parts import MeshPart, split_mesh
 
 PERSISTENT_ID_LENGTH = 8
@@ -113,6 +114,7 @@ class SurfaceRows:
     materials: MaterialReader
     is_viewport: bool = False
     """a viewport depsgraph: meshes subdivided on the GPU are complete only through `to_mesh`"""
+    cache: MeshCache | None = None
     meshes: list[Mesh] = field(default_factory=list)
     left_out: list[LeftOut] = field(default_factory=list)
     _parts_of_object: dict[tuple[int, int], list[_PlacedPart]] = field(default_factory=dict)
@@ -127,7 +129,7 @@ class SurfaceRows:
 
     def add(self, item: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object, object_row: int, instancer_row: int) -> None:
         """shown: `item.object`, of type MESH. Rows into `objects`."""
-        for part in self._parts_of(shown, object_row):
+        for part in self._parts_of(shown, object_row, instancer_row):
             self._mesh_index.append(part.mesh_index)
             self._is_visible.append(part.is_visible)
             self._casts.append(part.casts)
@@ -144,7 +146,7 @@ class SurfaceRows:
             else:
                 self._matrices.frombytes(memoryview(world_from_object).tobytes())
 
-    def _parts_of(self, shown: bpy.types.Object, object_row: int) -> list[_PlacedPart]:
+    def _parts_of(self, shown: bpy.types.Object, object_row: int, instancer_row: int) -> list[_PlacedPart]:
         """Objects with the same evaluated data, which is what Blender gives duplicates and instances, share its meshes, unless they
         give it materials of their own that make a difference."""
         address = shown.data.as_pointer()
@@ -153,30 +155,48 @@ class SurfaceRows:
             materials = self.materials.materials_of(shown)
             parts = self._parts_of_mesh.get((address, materials))
             if parts is None:
-                parts = self._parts_of_mesh[address, materials] = self._extract(shown, materials)
+                read = self._read_cached(shown, materials, object_row, instancer_row)
+                first = len(self.meshes)
+                self.meshes += [part.mesh for part in read.parts]
+                self.left_out += read.left_out
+                parts = [_PlacedPart(first + k, part.is_visible, part.casts) for k, part in enumerate(read.parts)]
+                self._parts_of_mesh[address, materials] = parts
             self._parts_of_object[object_row, address] = parts
         return parts
 
-    def _extract(self, shown: bpy.types.Object, materials: tuple[MaterialOpacity | None, ...]) -> list[_PlacedPart]:
+    def _read_cached(
+        self, shown: bpy.types.Object, materials: tuple[MaterialOpacity | None, ...], object_row: int, instancer_row: int
+    ) -> ReadMesh:
+        uids = frozenset({self.objects.rows[object_row].uid, self.objects.rows[instancer_row].uid, shown.data.original.session_uid})
+        if self.cache is None:
+            return self._read(shown, materials, uids)
+        data = shown.data
+        key = (data.as_pointer(), len(data.vertices), len(data.polygons), len(data.loops), materials, shown.mode == "EDIT", uids)
+        read = self.cache.find(key)
+        if read is None:
+            read = self._read(shown, materials, uids)
+            self.cache.keep(key, read)
+        return read
+
+    def _read(self, shown: bpy.types.Object, materials: tuple[MaterialOpacity | None, ...], uids: frozenset[int]) -> ReadMesh:
         # in edit mode the evaluated data is a wrapper without polygons, in a render's depsgraph too
         needs_mesh = shown.mode == "EDIT" or (self.is_viewport and shown.modifiers and shown.modifiers[-1].type == "SUBSURF")
         data = shown.to_mesh() if needs_mesh else shown.data
         extracted = extract_mesh(data, shown.data.name)
+        left_out = []
         if extracted.dropped_vertex_count:
             reason = "has vertices whose coordinates are not finite numbers (or beyond 1e15); the triangles at them are missing"
-            self.left_out.append(LeftOut(shown.name, reason, extracted.dropped_vertex_count))
+            left_out.append(LeftOut(shown.name, reason, extracted.dropped_vertex_count))
         if extracted.mesh is None:
             parts = []
         elif not materials:
             parts = [MeshPart(extracted.mesh)]
         else:
             parts, missing = split_mesh(data, extracted, materials)
-            self.left_out += [LeftOut(shown.name, reason) for reason in missing]
+            left_out += [LeftOut(shown.name, reason) for reason in missing]
         if needs_mesh:
             shown.to_mesh_clear()
-        first = len(self.meshes)
-        self.meshes += [part.mesh for part in parts]
-        return [_PlacedPart(first + k, part.is_visible, part.casts) for k, part in enumerate(parts)]
+        return ReadMesh(tuple(parts), tuple(left_out), uids)
 
     def place(self) -> PlacedInstances:
         """Sort, so that neither the order in the file nor that of evaluation matters, and move to the origin."""
@@ -283,7 +303,7 @@ def choose_world_origin(meshes: tuple[Mesh, ...], mesh_index: np.ndarray, world_
     """
     if len(mesh_index) == 0:
         return np.zeros(3)
-    lowest_os, highest_os = np.array([_bounds_os(mesh) for mesh in meshes], dtype=np.float64)[mesh_index].transpose(1, 0, 2)
+    lowest_os, highest_os = np.array([mesh.bounds_os for mesh in meshes], dtype=np.float64)[mesh_index].transpose(1, 0, 2)
     middle, half = 0.5 * (lowest_os + highest_os), 0.5 * (highest_os - lowest_os)
     axes = world_from_object[:, :3, :3]
     middle_ws = np.einsum("nij,nj->ni", axes, middle) + world_from_object[:, :3, 3]
@@ -294,9 +314,3 @@ def choose_world_origin(meshes: tuple[Mesh, ...], mesh_index: np.ndarray, world_
         return np.zeros(3)
     grid = 2.0 ** np.ceil(np.log2(size))
     return np.rint(0.5 * (lowest + highest) / grid) * grid + 0.0  # adding zero turns -0 into 0
-
-
-def _bounds_os(mesh: Mesh) -> tuple[list[float], list[float]]:
-    """Of all vertices; column by column, since numpy is ten times slower along the short rows."""
-    columns = mesh.positions_os.T
-    return [column.min() for column in columns], [column.max() for column in columns]

@@ -23,7 +23,7 @@ class SceneBounds:
 
 
 def compute_bounds(snapshot: SceneSnapshot) -> SceneBounds:
-    mesh_bounds_os = np.array([mesh.compute_bounds_os() for mesh in snapshot.meshes], np.float64).reshape(-1, 2, 3)
+    mesh_bounds_os = np.array([mesh.bounds_os for mesh in snapshot.meshes], np.float64).reshape(-1, 2, 3)
     extent = mesh_bounds_os[:, 1] - mesh_bounds_os[:, 0]
     flat = extent.min(axis=1, initial=np.inf) <= FLAT_TOLERANCE * extent.max(axis=1, initial=0)
     flat_axis = np.where(flat, extent.argmin(axis=1), -1) if len(extent) else np.zeros(0, np.int64)

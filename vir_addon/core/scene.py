@@ -11,6 +11,7 @@ Lengths are metres in the sense of Blender units. Image row 0 is the *bottom* ro
 from __future__ import annotations
 
 import enum
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -78,7 +79,8 @@ class Mesh:
     def triangle_count(self) -> int:
         return len(self.triangles)
 
-    def compute_bounds_os(self) -> np.ndarray:
+    @functools.cached_property
+    def bounds_os(self) -> np.ndarray:
         """(2, 3) float32: smallest and largest corner of the vertices that triangles use."""
         used = self.positions_os[self.triangles.ravel()] if self.vertex_count > 4 * self.triangle_count else self.positions_os
         # column by column: numpy's min over the first axis of (n, 3) takes thirty times longer

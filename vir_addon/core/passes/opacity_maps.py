@@ -89,7 +89,7 @@ def plane_seeds(mesh: Mesh) -> np.ndarray:
     a, b, c = np.moveaxis(mesh.positions_os[mesh.triangles].astype(np.float64), 1, 0)
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    low, high = mesh.compute_bounds_os().astype(np.float64)
+    low, high = mesh.bounds_os.astype(np.float64)
     offsets = np.einsum("ni,ni->n", normals, a - low) / max(float((high - low).max()), 1e-300)
     steps = np.column_stack([normals * NORMAL_STEPS, offsets * OFFSET_STEPS])
     # off the middle between steps, where planes through the middle of things and along axes would be

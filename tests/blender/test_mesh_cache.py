@@ -1,0 +1,193 @@
+"""A preview's snapshots: only what has changed is read again, and what they hold is what reading everything gives."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from vir_addon.blender.extract import snapshot  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.blender.mesh_cache import MeshCache, OutOfTimeError  # noqa: E402
+from vir_addon.core.scene import SceneSnapshot, has_same_meshes, has_same_picture  # noqa: E402
+
+
+class Watched:
+    """The scene's viewport depsgraph with a cache that hears of its updates, as a preview holds it."""
+
+    def __init__(self) -> None:
+        self.cache = MeshCache()
+
+    def note(self, scene, depsgraph) -> None:
+        self.cache.note_updates(depsgraph)
+
+    def take(self, budget_s: float = float("inf")) -> SceneSnapshot:
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        self.cache.begin(budget_s)
+        taken = snapshot(depsgraph, cache=self.cache)
+        self.cache.end()
+        return taken
+
+
+@pytest.fixture
+def watched(scene):
+    made = Watched()
+    bpy.app.handlers.depsgraph_update_post.append(made.note)
+    bpy.app.handlers.frame_change_post.append(made.note)
+    yield made
+    bpy.app.handlers.depsgraph_update_post.remove(made.note)
+    bpy.app.handlers.frame_change_post.remove(made.note)
+
+
+@pytest.fixture
+def garden(scene, add):
+    """Objects with and without modifiers, duplicates, instances, a text, and a light."""
+    floor = add.mesh("Floor", [(-5, -5, 0), (5, -5, 0), (5, 5, 0), (-5, 5, 0)], [(0, 1, 2, 3)])
+    cube = add.cube("Cube", location=(0, 0, 1))
+    add.object("Twin", cube.data, location=(3, 0, 1))
+    soft = add.cube("Soft", location=(-3, 0, 1))
+    soft.modifiers.new("Subdivision", "SUBSURF").levels = 2
+    collection = bpy.data.collections.new("Leaves")
+    add.cube("Leaf", collection, scale=(0.1, 0.1, 0.1))
+    for index in range(3):
+        add.instance_of(collection, f"Branch {index}", location=(index, 2, 1))
+    text = bpy.data.curves.new("Text", "FONT")
+    text.body = "VIR"
+    add.object("Text", text)
+    add.light("Key", location=(2, -2, 4))
+    return {"floor": floor, "cube": cube, "soft": soft, "text": text, "leaf": collection.objects[0]}
+
+
+def check_against_reading_everything(watched) -> SceneSnapshot:
+    taken = watched.take()
+    fresh = snapshot(bpy.context.evaluated_depsgraph_get())
+    assert len(taken.meshes) == len(fresh.meshes)
+    for cached, read in zip(taken.meshes, fresh.meshes, strict=True):
+        np.testing.assert_array_equal(cached.positions_os, read.positions_os)
+        np.testing.assert_array_equal(cached.triangles, read.triangles)
+    np.testing.assert_array_equal(taken.instances.world_from_object, fresh.instances.world_from_object)
+    np.testing.assert_array_equal(taken.instances.mesh_index, fresh.instances.mesh_index)
+    return taken
+
+
+def edit(key):
+    def do(garden):
+        data = garden[key].data
+        data.vertices[0].co.x += 0.25
+        data.update()
+
+    return do
+
+
+def set_location(garden):
+    garden["cube"].location.z = 2.0
+
+
+def set_levels(garden):
+    garden["soft"].modifiers[0].levels = 1
+
+
+def set_text(garden):
+    garden["text"].body = "Shadows"
+
+
+def add_modifier(garden):
+    garden["cube"].modifiers.new("Solid", "SOLIDIFY").thickness = 0.3
+
+
+def remove_and_add(garden):
+    bpy.data.objects.remove(garden["soft"])
+    data = bpy.data.meshes.new("New")
+    data.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 2)], [], [(0, 1, 2)])
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("New", data))
+
+
+def move_light(garden):
+    bpy.data.objects["Key"].location.x = 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "read_again"),
+    [
+        (move_light, 0),
+        (set_location, 0),
+        (edit("floor"), 1),
+        (edit("cube"), 1),  # the twin shares it
+        (edit("leaf"), 1),  # and so do the branches
+        (edit("soft"), 1),
+        (set_levels, 1),
+        (set_text, 1),
+        (add_modifier, 2),  # the twin does not have it
+        (remove_and_add, 1),
+    ],
+    ids=lambda one: getattr(one, "__name__", str(one)),
+)
+def test_only_what_has_changed_is_read_again(watched, garden, change, read_again):
+    before = check_against_reading_everything(watched)
+    read_count = watched.cache.read_count
+    assert read_count == len(before.meshes) == 5
+    change(garden)
+    after = check_against_reading_everything(watched)
+    assert watched.cache.read_count - read_count <= read_again
+    assert has_same_meshes(before, after) == (read_again == 0)
+    again = watched.take()
+    assert has_same_picture(after, again)
+    assert watched.cache.read_count - read_count <= read_again
+
+
+def test_nothing_changes_nothing_is_read(watched, garden):
+    before = watched.take()
+    read_count = watched.cache.read_count
+    garden["cube"].select_set(True)
+    bpy.context.scene.frame_set(5)
+    after = watched.take()
+    assert watched.cache.read_count == read_count
+    assert has_same_picture(before, after)
+
+
+def test_animated_geometry_is_read_in_every_frame(watched, garden):
+    """Shape keys."""
+    cube = garden["cube"]
+    cube.shape_key_add(name="Basis")
+    key = cube.shape_key_add(name="Tall")
+    key.data[0].co.z += 3.0
+    for frame, value in ((1, 0.0), (11, 1.0)):
+        key.value = value
+        key.keyframe_insert("value", frame=frame)
+    for frame in (1, 4, 11, 4):
+        bpy.context.scene.frame_set(frame)
+        check_against_reading_everything(watched)
+
+
+def test_a_material_that_becomes_transparent(watched, garden):
+    material = bpy.data.materials.new("Glass")
+    if bpy.app.version < (5, 0):
+        material.use_nodes = True
+    garden["cube"].data.materials.append(material)
+    opaque = check_against_reading_everything(watched)
+    shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    shader.inputs["Alpha"].default_value = 0.5
+    taken = watched.take()
+    assert [mesh.opacity_map is None for mesh in opaque.meshes].count(False) == 0
+    assert [mesh.opacity_map is None for mesh in taken.meshes].count(False) == 1
+    shader.inputs["Alpha"].default_value = 1.0
+    assert all(mesh.opacity_map is None for mesh in watched.take().meshes)
+
+
+def test_reading_goes_on_where_time_was_over(watched, garden):
+    """With no time at all one mesh is read at a time."""
+    attempts = 1
+    while True:
+        try:
+            taken = watched.take(0.0)
+            break
+        except OutOfTimeError:
+            assert watched.cache.read_count == attempts
+            attempts += 1
+    assert attempts == len(taken.meshes) == 5
+
+
+def test_undoing_forgets(watched, garden):
+    watched.take()
+    watched.cache.forget()
+    read_count = watched.cache.read_count
+    check_against_reading_everything(watched)
+    assert watched.cache.read_count == 2 * read_count

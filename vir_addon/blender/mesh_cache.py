@@ -1,0 +1,98 @@
+"""Meshes that were read before, so that a preview reads only what has changed since.
+
+Blender's evaluated geometry stays in place, and is not read again, until an update of the dependency graph says that its object, the
+object that instances it or its data have changed. Materials and images are few, and are all looked at again when one of them changes.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import bpy
+
+from .material_opacity import MaterialReader
+from .mesh_parts import MeshPart
+
+if TYPE_CHECKING:
+    from ..core.scene import LeftOut
+
+_SURFACE_TYPES = (bpy.types.Material, bpy.types.NodeTree, bpy.types.Image, bpy.types.Texture)
+
+
+class OutOfTimeError(Exception):
+    """Reading was given up because its time was over; what was read is kept for the next try."""
+
+
+@dataclass(frozen=True)
+class ReadMesh:
+    """What came of an object's evaluated data."""
+
+    parts: tuple[MeshPart, ...]
+    left_out: tuple[LeftOut, ...]
+    uids: frozenset[int]
+    """session_uid of the originals that it was made from"""
+
+
+class MeshCache:
+    """Of one view layer's viewport depsgraph. Tell it of every update of that."""
+
+    def __init__(self) -> None:
+        self._meshes: dict[Hashable, ReadMesh] = {}
+        self._used: set[Hashable] = set()
+        self._materials: tuple[Hashable, MaterialReader] | None = None
+        self._deadline_s = float("inf")
+        self._has_read = False
+        self.read_count = 0
+        """meshes read since this was made"""
+
+    def note_updates(self, depsgraph: bpy.types.Depsgraph) -> None:
+        """From a handler that is told of an evaluation."""
+        changed = set()
+        for update in depsgraph.updates:
+            original = update.id.original
+            if isinstance(original, _SURFACE_TYPES):
+                self._materials = None
+            elif update.is_updated_geometry or not isinstance(original, bpy.types.Object):
+                changed.add(original.session_uid)
+        self._meshes = {key: read for key, read in self._meshes.items() if not read.uids & changed}
+
+    def forget(self) -> None:
+        """After what comes without updates: undoing replaces everything."""
+        self._meshes, self._materials = {}, None
+
+    def begin(self, budget_s: float = float("inf")) -> None:
+        """Before a walk over the depsgraph, which is given up when a mesh that has to be read would begin after the budget; at least one
+        is read."""
+        self._used = set()
+        self._deadline_s = time.perf_counter() + budget_s
+        self._has_read = False
+
+    def end(self) -> None:
+        """After a walk that was not given up: what it did not meet is gone."""
+        self._meshes = {key: read for key, read in self._meshes.items() if key in self._used}
+
+    def find(self, key: Hashable) -> ReadMesh | None:
+        """OutOfTimeError if there is nothing and no time to read it."""
+        read = self._meshes.get(key)
+        if read is None and self._has_read and time.perf_counter() > self._deadline_s:
+            raise OutOfTimeError
+        if read is not None:
+            self._used.add(key)
+        return read
+
+    def keep(self, key: Hashable, read: ReadMesh) -> None:
+        self._has_read = True
+        self.read_count += 1
+        self._meshes[key] = read
+        self._used.add(key)
+
+    def material_reader(self, engine: str, override: bpy.types.Material | None) -> MaterialReader:
+        """One that knows what it has read, as long as no material and no image has changed, come or gone."""
+        uids = (*(one.session_uid for one in bpy.data.materials), *(one.session_uid for one in bpy.data.images))
+        key = (engine, None if override is None else override.session_uid, uids)
+        if self._materials is None or self._materials[0] != key:
+            self._materials = key, MaterialReader(engine, override)
+        return self._materials[1]
