@@ -17,12 +17,15 @@ def blender_state() -> dict[str, object]:
     }
     return {
         "classes": set(dir(bpy.types)),
-        "subclasses": {kind: set(getattr(bpy.types, kind).__subclasses__()) for kind in ("Operator", "Panel", "Menu", "PropertyGroup")},
+        "subclasses": {
+            kind: set(getattr(bpy.types, kind).__subclasses__()) for kind in ("Operator", "Panel", "Menu", "PropertyGroup", "UIList")
+        },
         "operators": set(dir(bpy.ops)) | {f"vir.{name}" for name in dir(bpy.ops.vir)},
         "properties": {
             kind: set(getattr(bpy.types, kind).bl_rna.properties.keys()) for kind in ("Scene", "Object", "Light", "WindowManager")
         },
         "handlers": handlers,
+        "preset paths": set(bpy.utils._preset_path_registry),
         "keymaps": {keymap.name: len(keymap.keymap_items) for keymap in bpy.context.window_manager.keyconfigs.default.keymaps},
         # Blender cannot list its commands, but it holds a reference to the function of each.
         "command references": sys.getrefcount(blender.run_command),

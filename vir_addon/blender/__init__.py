@@ -6,10 +6,12 @@ from typing import Any
 
 import bpy
 
-from . import devices, frame_state, operators, properties
+from . import devices, frame_hook, frame_state, operators, panels, presets, properties
 
 CLI_COMMAND = "vir"
 """`blender --command vir render scene.blend ...` is `python -m vir_addon render scene.blend ...`"""
+
+CLASSES = (*operators.CLASSES, *presets.CLASSES, *panels.CLASSES)
 
 _handles: list[Any] = []
 """what `unregister` gives back"""
@@ -18,9 +20,11 @@ _handles: list[Any] = []
 def register() -> None:
     """Called by Blender when the extension is enabled. Touches no GPU: in background that would break Blender."""
     properties.register()
-    for registered in operators.CLASSES:
+    for registered in CLASSES:
         bpy.utils.register_class(registered)
+    bpy.utils.register_preset_path(presets.search_path())
     bpy.app.handlers.load_pre.append(_forget_file)
+    bpy.app.handlers.frame_change_post.append(frame_hook.render_frame)
     _handles.append(bpy.utils.register_cli_command(CLI_COMMAND, run_command))
 
 
@@ -30,10 +34,12 @@ def unregister() -> None:
         return
     while _handles:
         bpy.utils.unregister_cli_command(_handles.pop())
+    bpy.app.handlers.frame_change_post.remove(frame_hook.render_frame)
     bpy.app.handlers.load_pre.remove(_forget_file)
+    bpy.utils.unregister_preset_path(presets.search_path())
     frame_state.forget_all()
     devices.close_devices()
-    for registered in reversed(operators.CLASSES):
+    for registered in reversed(CLASSES):
         bpy.utils.unregister_class(registered)
     properties.unregister()
 

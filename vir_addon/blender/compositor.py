@@ -40,7 +40,7 @@ def add_pass_nodes(scene: bpy.types.Scene, images: Mapping[str, bpy.types.Image]
     artist put between an image and its output inside the group stays too.
     Raises SceneError when the compositor belongs to another .blend file.
     """
-    tree = _compositor_tree(scene)
+    tree = _made_compositor_tree(scene)
     result = PassNodes(_find_group_node(tree) or _new_group_node(tree))
     result.is_switched_off = not bpy.app.version >= (5, 0) and not scene.use_nodes
     group = result.node.node_tree
@@ -60,11 +60,24 @@ def add_pass_nodes(scene: bpy.types.Scene, images: Mapping[str, bpy.types.Image]
 
 def has_pass_nodes(scene: bpy.types.Scene) -> bool:
     """Whether the scene's compositor has the group already."""
-    tree = scene.compositing_node_group if bpy.app.version >= (5, 0) else scene.node_tree
+    tree = compositor_tree(scene)
     return tree is not None and _find_group_node(tree) is not None
 
 
-def _compositor_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
+def compositor_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:
+    """What Blender would run after a render; None where the scene has no compositor, or (4.5) does not use it."""
+    if bpy.app.version >= (5, 0):
+        return scene.compositing_node_group
+    return scene.node_tree if scene.use_nodes else None
+
+
+def has_node(tree: bpy.types.NodeTree, node_type: str) -> bool:
+    """Whether a node of the type is in the tree or in any group inside it."""
+    groups = (node.node_tree for node in tree.nodes if node.type == "GROUP" and node.node_tree is not None)
+    return any(node.bl_idname == node_type for node in tree.nodes) or any(has_node(group, node_type) for group in groups)
+
+
+def _made_compositor_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
     """The scene's compositor, made when there is none so that it gives the render unchanged."""
     if bpy.app.version >= (5, 0):
         if scene.compositing_node_group is None:

@@ -25,17 +25,16 @@ _lock = threading.Lock()
 
 
 def device_name(choice: str) -> str:
-    """'AUTO', 'MODERNGL' or 'GPU' of the settings -> the name of the device, which is then open. Raises DeviceError.
-
-    Call it on Blender's main thread, to which Blender's own module belongs.
-    """
-    if choice != "AUTO":
-        return get_device(choice.lower()).name
+    """'AUTO', 'MODERNGL' or 'GPU' of the settings -> the name of the device, which is then open. Raises DeviceError."""
+    if choice == "MODERNGL":
+        return get_device("moderngl").name
+    if choice == "GPU":
+        return on_main_thread(get_device, "gpu").name
     try:
         return get_device("moderngl").name
     except DeviceError as without_opengl:
         try:
-            return get_device("gpu").name
+            return on_main_thread(get_device, "gpu").name
         except DeviceError as without_blender:
             raise DeviceError(f"no device: {without_opengl}. {without_blender}") from without_blender
 

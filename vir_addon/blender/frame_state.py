@@ -25,13 +25,11 @@ class SceneState:
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     """one sentence an object"""
-    forecasts: tuple[Forecast, ...] = ()
-    """one a view layer"""
+    forecasts: dict[str, Forecast] = field(default_factory=dict)
+    """view layer name -> its picture's"""
     statistics: dict[str, SetStatistics] = field(default_factory=dict)
     """view layer name -> how the passes were made that are in the images now"""
     frame: int = 0
-    render_s: float = 0.0
-    """of the last render, all view layers"""
     problem: str = ""
     """what the user has to mend, in words; empty after a render that went well"""
     running: SteppedRender | None = None
@@ -76,23 +74,47 @@ def forget_all() -> None:
 
 
 def note_plan(scene: bpy.types.Scene, jobs: Mapping[str, LayerJob]) -> None:
+    """Of all view layers."""
     state = state_of(scene)
     state.problem = ""
-    state.plans = {name: {planned.light_name: planned for planned in job.plan.passes} for name, job in jobs.items()}
-    state.notes = tuple(dict.fromkeys(note for job in jobs.values() for note in job.plan.notes))
-    state.left_out = tuple(sorted({f"{item.object_name}: {item.reason}" for job in jobs.values() for item in job.snapshot.left_out}))
-    state.forecasts = tuple(make_forecast(job.snapshot, job.plan) for job in jobs.values())
+    state.plans, state.notes, state.left_out, state.forecasts = {}, (), (), {}
+    for name, job in jobs.items():
+        _add_plan(state, name, job)
+        state.forecasts[name] = make_forecast(job.snapshot, job.plan)
+
+
+def _add_plan(state: SceneState, layer_name: str, job: LayerJob) -> None:
+    state.plans[layer_name] = {planned.light_name: planned for planned in job.plan.passes}
+    state.notes = tuple(dict.fromkeys((*state.notes, *job.plan.notes)))
+    state.left_out = tuple(sorted({*state.left_out, *(f"{item.object_name}: {item.reason}" for item in job.snapshot.left_out)}))
 
 
 def note_render(scene: bpy.types.Scene, jobs: Mapping[str, LayerJob], layers: Mapping[str, PassSet], render_s: float) -> None:
+    """Of all view layers, after `note_plan`."""
     state = state_of(scene)
     state.problem = ""
     state.statistics = {name: passes.statistics for name, passes in layers.items()}
     state.frame = next(iter(jobs.values())).snapshot.frame
-    state.render_s = render_s
+    _note_time(jobs, layers, render_s)
+
+
+def note_layer(scene: bpy.types.Scene, job: LayerJob, passes: PassSet, render_s: float, *, is_first: bool) -> None:
+    """Of one view layer of a frame that Blender renders; the first one of a frame replaces what was known of the last."""
+    state, layer_name = state_of(scene), job.snapshot.view_layer_name
+    if is_first:
+        state.problem = ""
+        state.plans, state.notes, state.left_out, state.statistics = {}, (), (), {}
+    _add_plan(state, layer_name, job)
+    state.statistics[layer_name] = passes.statistics
+    state.frame = job.snapshot.frame
+    _note_time({layer_name: job}, {layer_name: passes}, render_s)
+
+
+def _note_time(jobs: Mapping[str, LayerJob], layers: Mapping[str, PassSet], render_s: float) -> None:
     predicted_ms = sum(job.plan.predicted_ms for job in jobs.values())
-    if predicted_ms > 0 and layers:
+    if predicted_ms > 0:
         device = next(iter(layers.values())).statistics.device.partition(":")[0]
+        _time_factors.pop(device, None)  # the last one in the table is the last one used
         _time_factors[device] = render_s * 1e3 / predicted_ms
 
 
@@ -114,7 +136,7 @@ def forecast_text(scene: bpy.types.Scene) -> str:
     if not state.forecasts:
         return "time and error: not planned yet"
     factor = time_factor()
-    seconds = sum(forecast.compute_ms(view_count) for forecast in state.forecasts) * 1e-3 * (factor or 1.0)
+    seconds = sum(forecast.compute_ms(view_count) for forecast in state.forecasts.values()) * 1e-3 * (factor or 1.0)
     text = f"about {seconds_text(seconds)}" + ("" if factor else " without a GPU")
     measured = [one for layer in state.statistics.values() for one in layer.passes if one.view_count > 1]
     if not measured:

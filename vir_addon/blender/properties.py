@@ -64,6 +64,12 @@ def _set_quality(group: VIR_SceneSettings, quality: float) -> None:
     group.map_resolution_px = map_resolution_of_views(group.view_count)
 
 
+def _lock_interface(group: VIR_SceneSettings, context: bpy.types.Context) -> None:
+    # Blender asks for it where handlers change what it may be drawing at that moment
+    if group.use_on_render:
+        group.id_data.render.use_lock_interface = True
+
+
 class VIR_SceneSettings(bpy.types.PropertyGroup):
     """bpy.types.Scene.vir"""
 
@@ -73,8 +79,9 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
 
     use_on_render: bpy.props.BoolProperty(
         name="Render with F12",
-        description="Make the passes of every frame that Blender renders, before its compositor runs",
+        description="Make the passes of every frame that Blender renders, before its compositor runs. Switches Lock Interface on",
         default=False,
+        update=_lock_interface,
     )
     use_soft_shadows: bpy.props.BoolProperty(
         name="Soft Shadows", description="One shadow pass for each area light and sun", default=_DEFAULTS.soft_shadows
@@ -197,6 +204,10 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
         default=_DEFAULTS.replay_buffer_mib,
         min=1,
         soft_max=4096,
+    )
+
+    active_light_index: bpy.props.IntProperty(
+        name="Active Light", description="Row of the list of lights: the index of its object in the scene", options={"HIDDEN"}
     )
 
     use_preview: bpy.props.BoolProperty(

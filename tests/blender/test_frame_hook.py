@@ -1,0 +1,190 @@
+"""F12 and animations: every rendered frame's passes are in its compositor, with any engine, layer by layer."""
+
+import os
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import OpenEXR
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from vir_addon import blender  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.blender import devices, frame_hook, frame_state  # noqa: E402
+from vir_addon.blender.images import MISSING_COLOR, scene_images  # noqa: E402
+from vir_addon.core.errors import DeviceError  # noqa: E402
+from vir_addon.core.render import Renderer  # noqa: E402
+
+WIDTH, HEIGHT = 48, 27
+PASS = "VIR Shadow Key"
+
+
+@pytest.fixture
+def animated(scene, add, tmp_path):
+    """A cube that moves over a floor in three frames; its passes go through the compositor into the render's file."""
+    blender.register()
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = WIDTH, HEIGHT, 100
+    scene.render.engine = "BLENDER_WORKBENCH"
+    cube = add.cube(location=(-2.0, 0.0, 1.0))
+    cube.keyframe_insert("location", frame=1)
+    cube.location.x = 2.0
+    cube.keyframe_insert("location", frame=3)
+    add.mesh("Floor", [(-6, -6, 0), (6, -6, 0), (6, 6, 0), (-6, 6, 0)], [(0, 1, 2, 3)])
+    scene.camera.location, scene.camera.rotation_euler = (0.0, -10.0, 4.0), (1.2, 0.0, 0.0)
+    add.light("Key", data={"size": 1.0, "energy": 500.0}, location=(2.0, -2.0, 5.0))
+    scene.vir.view_count, scene.vir.map_resolution_px, scene.vir.device = 8, 64, "MODERNGL"
+    scene.frame_start, scene.frame_end, scene.frame_current = 1, 3, 1
+    settings = scene.render.image_settings
+    settings.file_format, settings.color_depth, settings.exr_codec = "OPEN_EXR", "32", "NONE"
+    scene.render.filepath = str(tmp_path / "frame_")
+    yield scene
+    blender.unregister()
+
+
+def compose(scene, pass_name=PASS):
+    """The pass becomes the picture."""
+    bpy.ops.vir.render()
+    bpy.ops.vir.add_to_compositor()
+    tree = scene.compositing_node_group if bpy.app.version >= (5, 0) else scene.node_tree
+    wanted = "NodeGroupOutput" if bpy.app.version >= (5, 0) else "CompositorNodeComposite"
+    target = next(node for node in tree.nodes if node.bl_idname == wanted)
+    group = next(node for node in tree.nodes if node.type == "GROUP")
+    tree.links.new(group.outputs[pass_name], target.inputs["Image"])
+
+
+def rendered(tmp_path, frame):
+    """(height, width) float32, the last row on top"""
+    channels = OpenEXR.File(str(tmp_path / f"frame_{frame:04d}.exr"), separate_channels=True).channels()
+    return channels["R"].pixels[::-1]
+
+
+def by_button(scene, frame):
+    scene.frame_set(frame)
+    bpy.ops.vir.render()
+    pixels = np.empty(WIDTH * HEIGHT * 4, np.float32)
+    scene_images(scene.name)[PASS].pixels.foreach_get(pixels)
+    return pixels.reshape(HEIGHT, WIDTH, 4)[..., 0]
+
+
+def test_an_animation_has_each_frames_passes(animated, tmp_path):
+    compose(animated)
+    animated.vir.use_on_render = True
+    assert animated.render.use_lock_interface and not frame_hook.reasons_against_frames(animated)
+    bpy.ops.render.render(animation=True)
+    frames = [rendered(tmp_path, frame) for frame in (1, 2, 3)]
+    animated.vir.use_on_render = False
+    for frame, pixels in enumerate(frames, 1):
+        np.testing.assert_array_equal(pixels, by_button(animated, frame))
+    assert np.abs(frames[0] - frames[2]).max() > 0.5
+
+
+def test_another_engine_too(animated, tmp_path):
+    compose(animated)
+    animated.render.engine = "CYCLES"
+    animated.cycles.samples = 1
+    animated.vir.use_on_render = True
+    animated.frame_set(2)
+    animated.render.filepath = str(tmp_path / "frame_0002.exr")
+    bpy.ops.render.render(write_still=True)
+    pixels = rendered(tmp_path, 2)
+    animated.vir.use_on_render = False
+    np.testing.assert_array_equal(pixels, by_button(animated, 2))
+
+
+def test_switched_off_nothing_is_made(animated):
+    bpy.ops.render.render()
+    assert not scene_images(animated.name)
+
+
+def test_every_view_layer_has_its_own(animated):
+    layer = animated.view_layers.new("Without")
+    hidden = bpy.data.collections.new("Hidden")
+    animated.collection.children.link(hidden)
+    cube = bpy.data.objects["Cube"]
+    hidden.objects.link(cube)
+    animated.collection.objects.unlink(cube)
+    layer.layer_collection.children["Hidden"].exclude = True
+    animated.vir.use_on_render = True
+    bpy.ops.render.render()
+    images = scene_images(animated.name)
+    with_cube, without = (np.array(images[name].pixels[:]) for name in (PASS, f"{PASS} (Without)"))
+    assert with_cube.min() < 0.5 and np.abs(with_cube - without).max() > 0.5
+    state = frame_state.state_of(animated)
+    assert set(state.statistics) == set(state.plans) == {animated.view_layers[0].name, "Without"}
+
+
+def test_a_frame_that_fails_is_seen(animated, monkeypatch, capsys):
+    bpy.ops.vir.render()
+    animated.vir.use_on_render = True
+
+    def lost(*_):
+        raise DeviceError("the device is lost")
+
+    monkeypatch.setattr(Renderer, "render_batch", lost)
+    bpy.ops.render.render()
+    assert tuple(scene_images(animated.name)[PASS].pixels[:3]) == MISSING_COLOR
+    assert frame_state.state_of(animated).problem == "the device is lost" and "the device is lost" in capsys.readouterr().out
+
+
+def test_the_panel_says_what_keeps_the_passes_out(animated):
+    assert any("no compositor" in reason for reason in frame_hook.reasons_against_frames(animated))
+    compose(animated)
+    assert not frame_hook.reasons_against_frames(animated)
+    tree = animated.compositing_node_group if bpy.app.version >= (5, 0) else animated.node_tree
+    tree.nodes.remove(next(node for node in tree.nodes if node.bl_idname == "CompositorNodeRLayers"))
+    assert any("Render Layers" in reason for reason in frame_hook.reasons_against_frames(animated))
+
+
+def test_a_busy_main_thread_is_not_waited_for_without_end(monkeypatch):
+    monkeypatch.setattr(devices, "MAIN_THREAD_WAIT_S", 0.05)
+    errors = []
+
+    def ask():
+        try:
+            devices.on_main_thread(lambda: None)
+        except DeviceError as error:
+            errors.append(str(error))
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    thread.join()
+    assert errors and "OpenGL" in errors[0]
+
+
+COMMAND_LINE = """
+import sys
+import bpy
+if "--gpu" in sys.argv:
+    import gpu
+    gpu.init()
+from vir_addon import blender
+blender.register()
+bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+bpy.ops.render.render(write_still=True)
+blender.unregister()  # as Blender does when it quits
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("with_gpu", [False, True], ids=["without gpu.init", "with gpu.init"])
+def test_beside_blenders_own_graphics(animated, tmp_path, with_gpu):
+    """What a farm runs, in a process of its own: Blender's context must neither be needed nor harmed."""
+    if with_gpu and bpy.app.version < (5, 2):
+        pytest.skip("gpu.init came with 5.2")
+    compose(animated)
+    expected = by_button(animated, 1)
+    animated.vir.use_on_render = True
+    animated.render.filepath = str(tmp_path / "frame_0001.exr")
+    for image in scene_images(animated.name).values():
+        image.pixels.foreach_set(np.zeros(len(image.pixels), np.float32))
+        image.pack()
+    path = tmp_path / "saved.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    result = subprocess.run(
+        [sys.executable, "-c", COMMAND_LINE, str(path), *(["--gpu"] if with_gpu else [])],
+        capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": os.getcwd()},
+    )  # fmt: skip
+    assert result.returncode == 0, result.stdout + result.stderr
+    np.testing.assert_array_equal(rendered(tmp_path, 1), expected)

@@ -1,0 +1,75 @@
+"""Passes of every frame that Blender renders, in time for its compositor.
+
+`frame_change_post` with the depsgraph of a render comes once for each view layer, before the engine, with modifiers and visibility of
+renders; what is written into images then reaches the compositor's image nodes. In a window it comes on the render's own thread.
+"""
+
+from __future__ import annotations
+
+import time
+import traceback
+from functools import partial
+
+import bpy
+
+from ..core.errors import VirError
+from ..core.plan import plan
+from . import devices, frame_state
+from .compositor import compositor_tree, has_node, has_pass_nodes
+from .extract import snapshot
+from .images import mark_missing, write_images
+from .job import LayerJob, rendered_view_layers
+from .properties import settings_of
+from .render_depsgraph import is_evaluating
+from .stepped_render import SteppedRender
+
+WAIT_S = 0.002
+"""between looks at a render on a thread of its own"""
+
+
+@bpy.app.handlers.persistent
+def render_frame(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Blender's handler. What goes wrong is printed and shown in the panel, and the images turn magenta: Blender offers no way to stop
+    a render from here, and the passes of another frame would pass for right."""
+    if depsgraph is None or depsgraph.mode != "RENDER" or is_evaluating() or not scene.vir.use_on_render:
+        return
+    try:
+        render_layer(scene, depsgraph)
+    except Exception as error:
+        if not isinstance(error, VirError):
+            traceback.print_exception(error)
+        print(f"VIR: frame {scene.frame_current}, {depsgraph.view_layer.name}: {frame_state.note_problem(scene, error)}")
+        mark_missing(scene.name)
+
+
+def render_layer(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Fill the images of the depsgraph's view layer. Raises VirError."""
+    start = time.perf_counter()
+    layer_name = depsgraph.view_layer.name
+    taken = snapshot(depsgraph)
+    made = LayerJob(taken, plan(taken, settings_of(scene)))
+    device_name = devices.device_name(scene.vir.device)
+    step = partial(devices.on_main_thread, SteppedRender.step) if devices.is_bound_to_main_thread(device_name) else SteppedRender.step
+    render = SteppedRender({layer_name: made}, device_name)
+    while not step(render):
+        time.sleep(WAIT_S if render.is_threaded else 0.0)
+    if render.error is not None:
+        raise render.error
+    is_first = layer_name == rendered_view_layers(scene)[0].name
+    write_images(render.layers[layer_name], pack=False, scene_name=scene.name, layer_name=None if is_first else layer_name)
+    frame_state.note_layer(scene, made, render.layers[layer_name], time.perf_counter() - start, is_first=is_first)
+
+
+def reasons_against_frames(scene: bpy.types.Scene) -> list[str]:
+    """What would keep the passes out of a rendered frame, in words for the panel."""
+    reasons = []
+    if not bpy.app.background and not scene.render.use_lock_interface:
+        reasons.append("Lock the interface: Blender may crash when images change while it draws them")
+    tree = compositor_tree(scene)
+    if tree is None or not scene.render.use_compositing:
+        reasons.append("There is no compositor that would use the passes: they only go into images")
+    elif not has_node(tree, "CompositorNodeRLayers"):
+        reasons.append("The compositor has no Render Layers node, so Blender renders nothing, and the passes are left as they are")
+    elif not has_pass_nodes(scene):
+        reasons.append("The compositor does not have the passes yet: press Render Passes, then Add to Compositor")
+    return reasons

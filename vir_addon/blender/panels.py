@@ -1,0 +1,235 @@
+"""The panels: the same in the 3D viewport's sidebar ("VIR") and in the render properties."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+import bpy
+
+from ..core.errors import UsageError
+from ..core.settings import Method
+from . import frame_state
+from .frame_hook import reasons_against_frames
+from .frame_state import SceneState, decision_text, state_of
+from .operators import reason_against_rendering
+from .presets import VIR_PT_presets
+from .properties import is_newer, settings_of
+
+LIGHT_ICONS = {"AREA": "LIGHT_AREA", "SUN": "LIGHT_SUN", "POINT": "LIGHT_POINT", "SPOT": "LIGHT_SPOT"}
+LETTER_WIDTH_PX = 6.5
+"""of Blender's interface font at scale 1, on average"""
+FEWEST_LETTERS = 24
+METHOD_PROPERTIES = {
+    "HYBRID": ("small_triangle_points",),
+    "VWSS": ("back_faces", "views_per_thread"),
+    "PCSS": ("blocker_sample_count", "filter_sample_count"),
+}
+"""shown for one method only"""
+POINT_METHODS = tuple(method.value.upper() for method in Method if method.may_be_bufferless)
+CULLING_METHODS = ("AUTO", "IVIR", "HYBRID", "EPR")
+
+
+class VIR_UL_lights(bpy.types.UIList):
+    """Every light with what the plan decided"""
+
+    def draw_item(
+        self, context: Any, layout: Any, data: Any, item: Any, icon: int, active_data: Any, active_property: str, index: int = 0
+    ) -> None:
+        row = layout.row(align=True)
+        row.prop(item.data.vir, "use_pass", text="")
+        split = row.split(factor=0.38, align=True)
+        split.label(text=item.name, icon=LIGHT_ICONS.get(item.data.type, "LIGHT"))
+        text = split.row()
+        text.active = item.data.vir.use_pass
+        text.label(text=decision_text(state_of(context.scene), item.name))
+
+    def filter_items(self, context: Any, data: Any, property_name: str) -> tuple[list[int], list[int]]:
+        objects = getattr(data, property_name)
+        wanted = self.filter_name.casefold()
+        shown = [self.bitflag_filter_item if item.type == "LIGHT" and wanted in item.name.casefold() else 0 for item in objects]
+        return shown, bpy.types.UI_UL_list.sort_items_by_name(objects, "name")
+
+
+class _InSidebar:
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "VIR"
+
+
+class _InRenderProperties:
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "render"
+    bl_options = {"DEFAULT_CLOSED"}
+
+
+class _Passes:
+    bl_label = "VIR Passes"
+
+    def draw(self: Any, context: Any) -> None:
+        scene, layout = context.scene, self.layout
+        state = state_of(scene)
+        VIR_PT_presets.draw_menu(layout, text=VIR_PT_presets.bl_label)
+        column = layout.column(align=True)
+        column.prop(scene.vir, "quality", slider=True)
+        column.label(text=frame_state.forecast_text(scene), icon="TIME")
+        _draw_buttons(layout, context, state)
+        for problem in _problems(scene, state):
+            _draw_text(layout.box(), context, problem, "ERROR")
+        column = layout.column(heading="Effects")
+        column.prop(scene.vir, "use_soft_shadows")
+        column.prop(scene.vir, "use_omni_shadows")
+
+
+def _draw_buttons(layout: Any, context: Any, state: SceneState) -> None:
+    column = layout.column(align=True)
+    if state.running is not None:
+        how_far = state.running.state
+        left = "" if how_far.seconds_left is None else f", {frame_state.seconds_text(how_far.seconds_left)} left"
+        column.progress(factor=how_far.share_done, text=f"{how_far.share_done:.0%}{left}")
+        column.operator("vir.cancel", icon="CANCEL")
+    else:
+        row = column.row(align=True)
+        row.scale_y = 1.4
+        row.operator("vir.render", icon="RENDER_STILL")
+        row.operator("vir.plan", text="", icon="FILE_REFRESH")
+        if (reason := reason_against_rendering(context)) is not None:
+            _draw_text(column, context, reason, "INFO")
+    column.operator("vir.add_to_compositor", icon="NODE_COMPOSITING")
+    column.operator("vir.open_report", icon="TEXT")
+
+
+def _problems(scene: Any, state: SceneState) -> list[str]:
+    problems = [state.problem] if state.problem else []
+    try:
+        settings_of(scene)
+    except UsageError as error:
+        problems.append(str(error))
+    if is_newer(scene.vir):
+        problems.append("These settings were saved by a newer version of VIR and may be misread. Update the extension.")
+    return list(dict.fromkeys(problems))
+
+
+class _Lights:
+    bl_label = "Lights"
+
+    def draw(self: Any, context: Any) -> None:
+        scene, layout = context.scene, self.layout
+        state = state_of(scene)
+        layout.template_list("VIR_UL_lights", "", scene, "objects", scene.vir, "active_light_index", rows=4)
+        _draw_light(layout, context, state)
+        known = {item.name for item in scene.objects}
+        inside = sorted({name for lines in state.plans.values() for name in lines} - known)
+        for name in inside:  # lights of instanced collections have no row of their own
+            _draw_text(layout, context, f"{name}: {decision_text(state, name)}", "OUTLINER_OB_GROUP_INSTANCE")
+
+
+def _draw_light(layout: Any, context: Any, state: SceneState) -> None:
+    scene = context.scene
+    index = scene.vir.active_light_index
+    chosen = scene.objects[index] if 0 <= index < len(scene.objects) else None
+    if chosen is None or chosen.type != "LIGHT":
+        layout.label(text="Click a light for details")
+        return
+    box = layout.box()
+    wishes = chosen.data.vir
+    row = box.row(heading=chosen.name)
+    row.active = wishes.use_pass
+    row.prop(wishes, "use_own_views")
+    views = row.row()
+    views.enabled = wishes.use_own_views
+    views.prop(wishes, "view_count", text="" if wishes.use_own_views else "As the scene")
+    planned = state.planned(chosen.name)
+    if planned is not None:
+        _draw_text(box, context, planned.reason[:1].upper() + planned.reason[1:] + ".", "NONE")
+    made = state.made(chosen.name)
+    if made is not None:
+        _draw_text(box, context, f"Made by {made.method} in frame {state.frame}: {decision_text(state, chosen.name)}.", "NONE")
+
+
+class _Rendering:
+    bl_label = "F12 and Animation"
+
+    def draw(self: Any, context: Any) -> None:
+        scene, layout = context.scene, self.layout
+        layout.prop(scene.vir, "use_on_render")
+        if not scene.vir.use_on_render:
+            return
+        layout.prop(scene.render, "use_lock_interface", text="Lock Interface while Rendering")
+        for reason in reasons_against_frames(scene):
+            _draw_text(layout, context, reason, "ERROR")
+
+
+class _Advanced:
+    bl_label = "Method"
+
+    def draw(self: Any, context: Any) -> None:
+        group, layout = context.scene.vir, self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(group, "device")
+        layout.prop(group, "method")
+        column = layout.column()
+        column.prop(group, "view_count")
+        column.prop(group, "map_resolution_px")
+        layout.prop(group, "resolve")
+        for name in METHOD_PROPERTIES.get(group.method, ()):
+            layout.prop(group, name)
+        if group.method in POINT_METHODS:
+            layout.prop(group, "points")
+            layout.prop(group, "watertight")
+        if group.method == "IVIR":
+            layout.prop(group, "point_generation")
+        if group.method in CULLING_METHODS:
+            layout.prop(group, "stochastic_culling")
+            row = layout.row()
+            row.enabled = group.stochastic_culling
+            row.prop(group, "culling_area_texels")
+        layout.prop(group, "cull_hidden")
+        layout.prop(group, "replay_buffer_mib")
+
+
+class _Notes:
+    bl_label = "Notes"
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        state = state_of(context.scene)
+        return bool(state.notes or state.left_out)
+
+    def draw(self: Any, context: Any) -> None:
+        state = state_of(context.scene)
+        for note in state.notes:
+            _draw_text(self.layout, context, note, "INFO")
+        for text in state.left_out:
+            _draw_text(self.layout, context, f"Left out: {text}", "HIDE_ON")
+
+
+def _draw_text(layout: Any, context: Any, text: str, icon: str) -> None:
+    """As many lines as the region's width asks for: Blender cuts labels off."""
+    scale = context.preferences.system.ui_scale * LETTER_WIDTH_PX
+    letters = max(int((context.region.width / scale if context.region else 0) - 8), FEWEST_LETTERS)
+    column = layout.column(align=True)
+    column.scale_y = 0.8
+    for number, line in enumerate(textwrap.wrap(text, letters)):
+        column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
+
+
+def _make_panels() -> list[type]:
+    contents = {"passes": _Passes, "lights": _Lights, "rendering": _Rendering, "method": _Advanced, "notes": _Notes}
+    made: list[type] = []
+    for place, base in (("view3d", _InSidebar), ("render", _InRenderProperties)):
+        for name, content in contents.items():
+            attributes: dict[str, Any] = {"__doc__": content.__doc__}
+            if name != "passes":
+                attributes["bl_parent_id"] = f"VIR_PT_{place}_passes"
+            if name in ("method", "rendering", "notes"):
+                attributes["bl_options"] = {"DEFAULT_CLOSED"}
+            elif name == "lights":
+                attributes["bl_options"] = set()
+            made.append(type(f"VIR_PT_{place}_{name}", (content, base, bpy.types.Panel), attributes))
+    return made
+
+
+PANELS = _make_panels()
+CLASSES = (VIR_UL_lights, *PANELS)
