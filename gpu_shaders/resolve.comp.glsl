@@ -90,8 +90,14 @@ float facing_of(int k, vec3 p, vec3 normal_fs) {
 #endif
 }
 
-// Of a point that lies in the view's map. p: from the view's centre, face space.
-LookUp look_up(int k, vec3 p, vec3 normal_fs, vec2 at) {
+// What the view's map has where a point lies, or at its edge. p: from the view's centre, face space.
+float depth_at(int k, vec3 p) {
+    ivec2 texel = clamp(ivec2(floor(map_position(k, p))), ivec2(0), map_size - 1);
+    return stored_depth(texel + ivec2(0, view_first_row(k)));
+}
+
+// Of a point that lies in the view's map. p: from the view's centre, face space; depth: what the map has there
+LookUp look_up(int k, vec3 p, vec3 normal_fs, vec2 at, float depth) {
     LookUp own;
     ivec2 texel = ivec2(floor(at));
     own.address = texel + ivec2(0, view_first_row(k));
@@ -105,13 +111,13 @@ LookUp look_up(int k, vec3 p, vec3 normal_fs, vec2 at) {
     own.ray_facing = own.bound * (1.0 / p.z) - dot(own.facing_step, own.offset);
 #endif
     own.footprint = footprint_at(p.z);
-    own.depth = stored_depth(own.address);
+    own.depth = depth;
     own.height = height_of(own, own.depth, 0.0);
     return own;
 }
 
-// What the point's own texel says. p: from the view's centre, face space.
-int sight(int k, vec3 p, vec3 normal_fs) {
+// What the point's own texel says. p: from the view's centre, face space; depth: what the map has there
+int sight(int k, vec3 p, vec3 normal_fs, float depth) {
     if (facing_of(k, p, normal_fs) >= 0.0) {
         return HIDDEN;  // the surface itself is in the way
     }
@@ -120,7 +126,7 @@ int sight(int k, vec3 p, vec3 normal_fs) {
     if (p.z <= near_m || any(lessThan(at, vec2(1.0))) || any(greaterThanEqual(at, vec2(map_size - 1)))) {
         return SEEN;
     }
-    LookUp own = look_up(k, p, normal_fs, at);
+    LookUp own = look_up(k, p, normal_fs, at, depth);
     if (leaves_in_sight(own.depth, own.height, p.z, own.footprint)) {
         return SEEN;
     }
@@ -130,7 +136,7 @@ int sight(int k, vec3 p, vec3 normal_fs) {
 
 // Whether a point is seen that its own texel left undecided.
 bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs) {
-    LookUp own = look_up(k, p, normal_fs, map_position(k, p));
+    LookUp own = look_up(k, p, normal_fs, map_position(k, p), depth_at(k, p));
     ivec2 toward = ivec2(own.offset.x > 0.0 ? 1 : -1, own.offset.y > 0.0 ? 1 : -1);
     vec2 facing_step = own.facing_step * vec2(toward);
     float contact = CONTACT_FOOTPRINTS * own.footprint;
@@ -173,6 +179,40 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs) {
     return seen;
 }
 
+struct Receiver {
+    vec3 p_fs;
+    vec3 normal_fs;
+    vec3 shading_fs;
+#ifdef MANY_FACES
+    vec3 p_ls;
+    int late_faces;  // of a tile that is looked up again from this face on: what the batch's faces before it found goes on as it was
+    bool was_lit;
+#endif
+};
+
+// What a view adds to the sums. depth: what its map has where the receiver lies
+vec2 sums_of_view(int k, Receiver receiver, float depth, inout uint undecided) {
+    vec3 p = receiver.p_fs - view_center(k);
+    float weight = delivered(sampled_point(k), p, receiver.shading_fs);
+    int found = sight(k, p, receiver.normal_fs, depth);
+    bool counts = weight > 0.0;
+#ifndef ORTHOGRAPHIC
+    // a point on the light itself: the cosines have no direction
+    counts = counts && dot(p, p) > 0.0;
+#endif
+#ifdef MANY_FACES
+    int belongs_to = 1 << face_index(receiver.p_ls - samples[k].xyz);
+    if (belongs_to != 1 << map_face) {
+        // faces without casters have no map and are looked up together with the first that has one
+        bool is_late = (receiver.late_faces & belongs_to) != 0;
+        found = int(is_late ? !receiver.was_lit : facing_of(k, p, receiver.normal_fs) >= 0.0);
+    }
+    counts = counts && ((face_mask | receiver.late_faces) & belongs_to) != 0;
+#endif
+    undecided |= counts && found == UNDECIDED ? 1u << uint(k) : 0u;
+    return counts ? weight * vec2(found == SEEN ? 1.0 : 0.0, 1.0) : vec2(0.0);
+}
+
 void main() {
     ivec2 pixel;
     if (!find_pixel(pixel)) {
@@ -181,59 +221,44 @@ void main() {
     vec4 position = texelFetch(positions, pixel, 0);
     bool surface = takes_light(position);
     int turn = own_turn();
-    // of a tile that is looked up again from this face on: what the batch's faces before it found goes on as it was
-    int late_faces = turn & LATE_FACES;
-    bool was_lit = (turn & WAS_LIT) != 0;
     vec2 sums = sums_before(turn, pixel);
     if (surface && view_count > 0) {
         vec4 normal = texelFetch(normals, pixel, 0);
-        vec3 p_fs = face_position(position.xyz);
-        vec3 normal_fs = face_direction(normal.xyz);
-        vec3 shading_fs = face_direction(unpack_direction(normal.w));
+        Receiver receiver;
+        receiver.p_fs = face_position(position.xyz);
+        receiver.normal_fs = face_direction(normal.xyz);
+        receiver.shading_fs = face_direction(unpack_direction(normal.w));
 #ifdef MANY_FACES
-        vec3 p_ls = light_position(position.xyz);
+        receiver.p_ls = light_position(position.xyz);
+        receiver.late_faces = turn & LATE_FACES;
+        receiver.was_lit = (turn & WAS_LIT) != 0;
 #endif
 #ifdef OMNI
-        set_place(p_fs);
+        set_place(receiver.p_fs);
 #endif
         uint undecided = 0u;
-        // loops that test at their end: software rasterizers go through those that test at their beginning once more than needed
-        int k = first_view - 1;
+        // two views a turn, their depths asked for before either is used: maps lie far apart, and software rasterizers wait for memory.
+        // Loops that test at their end: they go through those that test at their beginning once more than needed.
+        int last = first_view + view_count - 1;
+        int k = first_view - 2;
         do {
-            k++;
-            vec3 p = p_fs - view_center(k);
-#ifndef ORTHOGRAPHIC
-            // a point on the light itself: the cosines have no direction
-            if (!(dot(p, p) > 0.0)) {
-                continue;
+            k += 2;
+            int other = min(k + 1, last);
+            float depth = depth_at(k, receiver.p_fs - view_center(k));
+            float other_depth = depth_at(other, receiver.p_fs - view_center(other));
+            sums += sums_of_view(k, receiver, depth, undecided);
+            if (k < last) {
+                sums += sums_of_view(other, receiver, other_depth, undecided);
             }
-#endif
-#ifdef MANY_FACES
-            int belongs_to = face_index(p_ls - samples[k].xyz);
-            if (((face_mask | late_faces) & (1 << belongs_to)) == 0) {
-                continue;
-            }
-            bool in_map = belongs_to == map_face;
-            bool is_late = (late_faces & (1 << belongs_to)) != 0;
-#else
-            const bool in_map = true;
-            const bool is_late = false;
-#endif
-            float weight = delivered(sampled_point(k), p, shading_fs);
-            if (weight > 0.0) {
-                // faces without casters have no map and are looked up together with the first that has one
-                int found = in_map ? sight(k, p, normal_fs) : int(is_late ? !was_lit : facing_of(k, p, normal_fs) >= 0.0);
-                sums += weight * vec2(found == SEEN ? 1.0 : 0.0, 1.0);
-                undecided |= found == UNDECIDED ? 1u << uint(k) : 0u;
-            }
-        } while (k + 1 < first_view + view_count);
+        } while (k + 1 < last);
         // few in most places: a loop of its own costs only where there are some, at most MAX_BATCH_VIEWS turns
         if (undecided != 0u) {
             do {
                 int view = findLSB(undecided);
                 undecided &= undecided - 1u;
-                vec3 p = p_fs - view_center(view);
-                sums.x += seen_by_neighbours(view, p, normal_fs) ? delivered(sampled_point(view), p, shading_fs) : 0.0;
+                vec3 p = receiver.p_fs - view_center(view);
+                bool seen = seen_by_neighbours(view, p, receiver.normal_fs);
+                sums.x += seen ? delivered(sampled_point(view), p, receiver.shading_fs) : 0.0;
             } while (undecided != 0u);
         }
     }
