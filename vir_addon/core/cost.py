@@ -7,11 +7,13 @@ points, is of the same order.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from .bounds import SceneBounds
+from .reflectors import PlannedReflections
 from .scene import Light, LightShape, Mesh, SceneSnapshot
 from .settings import Method, PointStorage, Settings
 
@@ -37,6 +39,8 @@ RESOLVE_NS_PER_LOOKUP = 14.0
 FILTER_NS_PER_TAP = 5.0
 """of pcss, in which most find nothing"""
 EYE_NS_PER_PIXEL = 60.0
+MAP_NS_PER_TEXEL = 60.0
+REFLECT_NS_PER_RAY = 500.0
 SAMPLED_TRIANGLES = 2048
 MAX_LAYERS = 16
 """surfaces one behind the other that large triangles are taken to fill the maps with"""
@@ -52,6 +56,16 @@ def eye_ms(snapshot: SceneSnapshot, eye_sample_count: int) -> float:
     """One rasterization, which all offsets share, and a G-buffer of each."""
     pixels = snapshot.width_px * snapshot.height_px
     return (snapshot.instanced_triangle_count * RASTER_NS_PER_TRIANGLE + eye_sample_count * pixels * EYE_NS_PER_PIXEL) * 1e-6
+
+
+def reflections_ms(snapshot: SceneSnapshot, planned: PlannedReflections, round_count: int) -> float:
+    """Maps of all reflectors, and rays of all rounds; not the light on what they meet, which is the lights'."""
+    faces = sum(each.face_count for each in planned.maps)
+    texels = sum(each.texel_count for each in planned.maps)
+    rays = round_count * planned.bounces * sum(math.prod(reflector.covered_px) for reflector in planned.reflectors)
+    return (
+        faces * snapshot.instanced_triangle_count * RASTER_NS_PER_TRIANGLE + texels * MAP_NS_PER_TEXEL + rays * REFLECT_NS_PER_RAY
+    ) * 1e-6
 
 
 def resolve_ms(snapshot: SceneSnapshot, view_count: int) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,10 +14,13 @@ from .errors import SceneError, UsageError
 from .fit import choose_faces, light_casters, lit_places, may_shadow
 from .pass_set import unique_pass_names
 from .passes.shadow_maps import MAX_BATCH_VIEWS
+from .reflectors import PlannedReflections, choose_reflectors
 from .scene import Camera, Light, LightShape, SceneSnapshot
-from .settings import Method, PointGeneration, PointStorage, Settings
+from .settings import Effect, Method, PointGeneration, PointStorage, Settings
 from .views import light_axes
 
+DEFAULT_BOUNCES = 2
+"""where a scene has reflectors that may show in each other"""
 MIN_EYE_SAMPLES = 8
 MAX_EYE_SAMPLES = 16
 """Anti-aliasing gains little from more: with 16 samples of the filter an edge pixel is off by about a fiftieth."""
@@ -66,6 +69,7 @@ class RenderPlan:
     bounds: SceneBounds = field(repr=False, compare=False)
     """of the snapshot that was planned"""
     passes: tuple[PlannedPass, ...]
+    """shadow passes"""
     batch_count: int
     """steps after which a valid picture exists; each renders its share of every light's views"""
     eye_samples_per_batch: int
@@ -75,6 +79,10 @@ class RenderPlan:
     notes: tuple[str, ...] = ()
     """what the user should know, the snapshot's notes included"""
     predicted_ms: float = 0.0
+    reflections: PlannedReflections | None = None
+    """None: not asked for"""
+    reflected_lights: tuple[PlannedPass, ...] = ()
+    """what lights surfaces that are seen in reflectors, shadows of all of the scene included; none where nothing reflects"""
 
     def has_same_steps(self, other: RenderPlan) -> bool:
         """Whether passes of both are made in the same batches, and with the same settings."""
@@ -95,14 +103,26 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     names = unique_pass_names([light.name for light in snapshot.lights])
     bounds = compute_bounds(snapshot)
     in_picture = snapshot.instances.visible_to_camera & _may_be_in_picture(snapshot.camera, bounds.corners_ws)
-    places_ws = _visible_places(snapshot.camera, bounds.corners_ws[in_picture])
-    passes = tuple(_plan_light(snapshot, light, names[light.name], settings, bounds, in_picture, places_ws) for light in lights)
-    running = [planned for planned in passes if planned.runs]
-    most_views = max((planned.view_count for planned in running), default=0)
-    batch_count = _batch_count(most_views, settings.map_resolution_px) if running else 1
+    passes: tuple[PlannedPass, ...] = ()
+    if Effect.SHADOW in settings.effects:
+        places_ws = _visible_places(snapshot.camera, bounds.corners_ws[in_picture])
+        passes = tuple(_plan_light(snapshot, light, names[light.name], settings, bounds, in_picture, places_ws) for light in lights)
+    reflections: PlannedReflections | None = None
+    reflected_lights: tuple[PlannedPass, ...] = ()
+    if Effect.REFLECTION in settings.effects:
+        reflections = _plan_reflections(snapshot, settings, bounds, in_picture)
+        if reflections.runs:
+            planned_lights = (_plan_reflected_light(snapshot, light, names[light.name], settings, bounds) for light in lights)
+            reflected_lights = tuple(planned for planned in planned_lights if planned is not None)
+    running = [*(planned for planned in passes if planned.runs), *reflected_lights]
+    needs_rounds = reflections is not None and reflections.runs
+    most_views = max((planned.view_count for planned in running), default=int(needs_rounds))
+    batch_count = _batch_count(most_views, settings.map_resolution_px) if most_views else 1
     eye_samples_per_batch = _eye_samples_per_batch(most_views, batch_count)
     eye_sample_count = min(batch_count * eye_samples_per_batch, MAX_EYE_SAMPLES)
+    predicted = {planned.light_name: planned.predicted_ms for planned in running}
     eye_ms = cost.eye_ms(snapshot, eye_sample_count)
+    reflections_ms = reflections.predicted_ms if reflections is not None else 0.0
     return RenderPlan(
         settings=settings,
         bounds=bounds,
@@ -111,24 +131,57 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
         eye_samples_per_batch=eye_samples_per_batch,
         eye_sample_count=eye_sample_count,
         notes=snapshot.notes,
-        predicted_ms=sum(planned.predicted_ms for planned in running) + eye_ms,
+        predicted_ms=sum(predicted.values()) + eye_ms + reflections_ms,
+        reflections=reflections,
+        reflected_lights=reflected_lights,
+    )
+
+
+def _plan_reflections(snapshot: SceneSnapshot, settings: Settings, bounds: SceneBounds, in_picture: np.ndarray) -> PlannedReflections:
+    bounces = settings.bounces or DEFAULT_BOUNCES
+    reflectors = tuple(choose_reflectors(snapshot, bounds, settings, in_picture, bounces))
+    if settings.bounces is None and sum(reflector.runs for reflector in reflectors) < 2:
+        # nothing to see itself in
+        bounces = 1
+        reflectors = tuple(choose_reflectors(snapshot, bounds, settings, in_picture, bounces))
+    planned = PlannedReflections(reflectors, bounces)
+    return replace(planned, predicted_ms=cost.reflections_ms(snapshot, planned, MAX_EYE_SAMPLES)) if planned.runs else planned
+
+
+def _plan_reflected_light(
+    snapshot: SceneSnapshot, light: Light, pass_name: str, settings: Settings, bounds: SceneBounds
+) -> PlannedPass | None:
+    """How a light reaches what reflectors show, which may be anywhere. None when it lights nothing at all."""
+    if light.strength == 0 or not math.isfinite(light.strength):
+        return None
+    everything = np.ones(len(snapshot.instances), bool)
+    if light.casts_shadow and len(light_casters(snapshot, light)):
+        planned = _plan_light(snapshot, light, pass_name, settings, bounds, everything, bounds.corners_ws.reshape(-1, 3))
+        return planned if planned.runs else None
+    return PlannedPass(
+        light.name,
+        pass_name,
+        runs=True,
+        reason="lights reflected surfaces without shadows",
+        view_count=settings.view_count if light.has_size else 1,
+        map_resolution_px=settings.map_resolution_px,
+        needs_maps=False,
     )
 
 
 def check_device(render_plan: RenderPlan, device: Device) -> None:
     """UsageError when the device lacks what a planned method needs; to be asked before any work is done."""
-    if not device.stores_from_fragments and any(planned.runs and planned.method is Method.VWSS for planned in render_plan.passes):
+    running = [*(planned for planned in render_plan.passes if planned.runs), *render_plan.reflected_lights]
+    if not device.stores_from_fragments and any(planned.method is Method.VWSS for planned in running):
         raise UsageError(
             f"vwss stores what the rasterizer makes, which the device {device.name} cannot: use --device moderngl, or --method ivir"
         )
-    if not device.stores_from_geometry and any(
-        planned.runs and planned.point_generation is PointGeneration.RASTERIZER for planned in render_plan.passes
-    ):
+    if not device.stores_from_geometry and any(planned.point_generation is PointGeneration.RASTERIZER for planned in running):
         raise UsageError(
             f"points by the rasterizer need geometry shaders that store, and the device {device.name} has none: "
             "use --device moderngl, or --point-generation compute"
         )
-    most_views = max((planned.view_count for planned in render_plan.passes if planned.runs), default=0)
+    most_views = max((planned.view_count for planned in running), default=0)
     resolution_px, limit_px = render_plan.settings.map_resolution_px, device.max_texture_size_px
     height_px = resolution_px * math.ceil(most_views / render_plan.batch_count)
     if height_px > limit_px:
@@ -164,7 +217,7 @@ def _chosen_lights(snapshot: SceneSnapshot, settings: Settings) -> list[Light]:
         lights = [light for light in snapshot.lights if light.name in settings.light_names]
     else:
         lights = list(snapshot.lights)
-    if not lights:
+    if not lights and Effect.SHADOW in settings.effects:
         raise SceneError(f"scene {snapshot.scene_name!r} has no light that is rendered; add a light or enable one for rendering")
     return lights
 
