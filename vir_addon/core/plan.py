@@ -33,7 +33,9 @@ MIN_EYE_SAMPLE_VIEWS = 4
 """so many at least are spread over the whole light"""
 
 LATTICE_STEPS = 6
+"""to a box, or as many as MAX_LATTICE_PLACES leaves it where there are many"""
 MAX_LATTICE_BOXES = 1024
+MAX_LATTICE_PLACES = 1 << 15
 """what is enough to tell which faces of a cube will be needed"""
 
 
@@ -117,7 +119,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     running = [*(planned for planned in passes if planned.runs), *reflected_lights]
     needs_rounds = reflections is not None and reflections.runs
     most_views = max((planned.view_count for planned in running), default=int(needs_rounds))
-    batch_count = _batch_count(most_views, settings.map_resolution_px) if most_views else 1
+    batch_count = _batch_count(most_views, settings.map_resolution_px, settings.batch_view_count) if most_views else 1
     eye_samples_per_batch = _eye_samples_per_batch(most_views, batch_count)
     eye_sample_count = min(batch_count * eye_samples_per_batch, MAX_EYE_SAMPLES)
     predicted = {planned.light_name: planned.predicted_ms for planned in running}
@@ -186,7 +188,12 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
     height_px = resolution_px * math.ceil(most_views / render_plan.batch_count)
     if height_px > limit_px:
         # smaller maps come in larger batches
-        fitting_px = next(px for px in range(resolution_px, 0, -1) if px * math.ceil(most_views / _batch_count(most_views, px)) <= limit_px)
+        batch_view_count = render_plan.settings.batch_view_count
+        fitting_px = next(
+            px
+            for px in range(resolution_px, 0, -1)
+            if px * math.ceil(most_views / _batch_count(most_views, px, batch_view_count)) <= limit_px
+        )
         raise UsageError(
             f"a batch of maps of {resolution_px} px is {height_px} px high, and the device's largest texture {limit_px} px: "
             f"use --map-resolution {fitting_px} or less"
@@ -199,10 +206,10 @@ def _eye_samples_per_batch(most_views: int, batch_count: int) -> int:
     return max(min(math.ceil(MAX_EYE_SAMPLES / batch_count), views // MIN_EYE_SAMPLE_VIEWS), 1)
 
 
-def _batch_count(most_views: int, map_resolution_px: int) -> int:
+def _batch_count(most_views: int, map_resolution_px: int, batch_view_count: int) -> int:
     """Eight maps of 1024^2 and 2048^2 a batch; larger maps in smaller batches, so that a batch stays below 128 MiB of depth. Where so
     few batches have too few eye samples, more and smaller ones."""
-    per_batch = max(1, min(MAX_BATCH_VIEWS, MAX_BATCH_VIEWS * 2048**2 // map_resolution_px**2))
+    per_batch = max(1, min(MAX_BATCH_VIEWS, batch_view_count, MAX_BATCH_VIEWS * 2048**2 // map_resolution_px**2))
     batch_count = math.ceil(most_views / per_batch)
     has_enough = batch_count * _eye_samples_per_batch(most_views, batch_count) >= MIN_EYE_SAMPLES
     return batch_count if has_enough else MIN_EYE_SAMPLES
@@ -258,7 +265,7 @@ def _plan_light(
             predicted_ms=cost.resolve_ms(snapshot, sample_count),
         )
     face_count = _likely_face_count(light, places_ws)
-    batch_count = _batch_count(view_count, settings.map_resolution_px)
+    batch_count = _batch_count(view_count, settings.map_resolution_px, settings.batch_view_count)
     # where there are fewer views than batches each batch shows one again
     map_count = 1 if is_filtered else max(view_count, batch_count)
     estimates = cost.estimate_methods(snapshot, light, map_count, settings, bounds, face_count, batch_count)
@@ -333,7 +340,8 @@ def _visible_places(camera: Camera, boxes: np.ndarray) -> np.ndarray:
     """(n, 3) places in boxes, (m, 8, 3) world space, on a coarse lattice, as far as they are in the camera's view."""
     largest = np.argsort(-np.ptp(boxes, axis=1).max(axis=1), kind="stable")
     boxes = boxes[largest[:MAX_LATTICE_BOXES]]
-    u = np.linspace(0, 1, LATTICE_STEPS)
+    steps = min(max(int((MAX_LATTICE_PLACES / max(len(boxes), 1)) ** (1 / 3)), 2), LATTICE_STEPS)
+    u = np.linspace(0, 1, steps)
     lattice = np.stack(np.meshgrid(u, u, u, indexing="ij"), axis=-1).reshape(-1, 1, 3)
     # corner i of a box lies at bit k of i along axis k (core/bounds.py)
     edges = boxes[:, [1, 2, 4]] - boxes[:, :1]

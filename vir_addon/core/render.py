@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..device.interface import Device
+from ..device.interface import Device, Texture
 from ..device.owned import Owned
 from .light_work import LightWork, MapStore
 from .pass_set import COMBINED_PASS_NAME, REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, PassSet, PassStatistics, SetStatistics
@@ -300,6 +300,18 @@ class Renderer:
             errors.append(self.reflections.statistics.error_estimate)
         return max(errors, default=0.0)
 
+    def draw_passes(self, picture: Texture, light_name: str | None) -> bool:
+        """Without reading anything back: the combined pass, or one light's, into a texture of the picture's size, as of `COMBINE_PASSES`.
+        False if there is nothing to draw: no light, or not this one, has its pass made."""
+        shown = [work for work in self.works if work.has_pass and light_name in (None, work.light.name)]
+        for number, work in enumerate(shown):
+            weight = self._combined_weight(work) if light_name is None else 1.0
+            work.accumulator.add_to(picture, weight, is_first=number == 0)
+        return bool(shown)
+
+    def _combined_weight(self, work: LightWork) -> float:
+        return combined_weight(work.light, work.planned.view_count, self.rounds_total, work.reference_m)
+
     def read_passes(self) -> dict[str, np.ndarray]:
         return self.device.run(self._read_passes)
 
@@ -316,7 +328,7 @@ class Renderer:
                 # a light's receivers need not be all surfaces
                 surface_share = np.maximum(surface_share, received_share)
                 images[work.planned.pass_name] = pass_image(shadowed, delivered, received_share)
-                weight = combined_weight(work.light, work.planned.view_count, self.rounds_total, work.reference_m)
+                weight = self._combined_weight(work)
                 combined[0] += weight * shadowed
                 combined[1] += weight * delivered
         for planned in self.plan.passes:

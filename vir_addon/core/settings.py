@@ -89,6 +89,8 @@ class Settings:
     view_count: int = 64
     """light samples of a light with size; lights without size get one"""
     map_resolution_px: int = 1024
+    batch_view_count: int = 8
+    """most views of a light in a batch, which never has more than 8: fewer make its steps shorter, and the whole longer"""
     light_names: tuple[str, ...] | None = None
     """None: every light that the scene shows"""
     soft_shadows: bool = True
@@ -128,6 +130,8 @@ class Settings:
         self._check_effects()
         if not 1 <= self.view_count <= 4096:
             raise UsageError(f"views must be 1 to 4096, not {self.view_count}")
+        if self.batch_view_count < 1:
+            raise UsageError(f"a batch has at least one view, not {self.batch_view_count}")
         if not 16 <= self.map_resolution_px <= 8192:
             raise UsageError(f"the map resolution must be 16 to 8192, not {self.map_resolution_px}")
         if not 0 <= self.small_triangle_points <= 32:
