@@ -20,19 +20,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"vir: the command line needs the package rich ({error}); run: python -m pip install rich", file=sys.stderr)
         return 4
     from .cli.arguments import make_parser
+    from .cli.interrupts import remembered_interrupts
 
     arguments = make_parser().parse_args(argv)
     # into a file or a farm's log there is no width to fit: keep a line a line
     console, errors = Console(width=None if sys.stdout.isatty() else LOG_WIDTH), Console(stderr=True)
     try:
-        if arguments.command == "doctor":
-            from .cli.doctor import run_doctor
+        with remembered_interrupts():
+            if arguments.command == "doctor":
+                from .cli.doctor import run_doctor
 
-            run_doctor(console)
-        else:
-            from .cli.commands import run_plan, run_render
+                run_doctor(console)
+            else:
+                from .cli.commands import run_plan, run_render
 
-            (run_plan if arguments.command == "plan" else run_render)(arguments, console)
+                (run_plan if arguments.command == "plan" else run_render)(arguments, console)
     except VirError as error:
         errors.print(f"vir: {error}", style="red", highlight=False, markup=False, soft_wrap=True)
         return error.exit_status

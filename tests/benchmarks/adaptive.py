@@ -14,7 +14,7 @@ from demo_scenes import still_life
 from vir_addon.blender.job import LayerJob, take_snapshot
 from vir_addon.blender.job import run as run_job
 from vir_addon.core.pass_set import COMBINED_PASS_NAME
-from vir_addon.core.plan import plan
+from vir_addon.core.plan import plan, settings_for
 from vir_addon.core.scene import SceneSnapshot
 from vir_addon.core.settings import Resolve, Settings
 from vir_addon.device.interface import Device
@@ -27,7 +27,7 @@ from .timing import median_ratio, round_ratios, take_turns
 
 
 def render_once(snapshot: SceneSnapshot, settings: Settings, device: Device) -> dict[str, Any]:
-    passes = run_job(LayerJob(snapshot, plan(snapshot, settings)), device)
+    passes = run_job(LayerJob(snapshot, plan(snapshot, settings_for(device, settings))), device)
     made = passes.statistics.passes
     return {
         "resolve_ms": sum(each.stage_ms.get("resolve", 0.0) for each in made),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vir_addon.core.plan import AUTO_METHODS, plan
+from vir_addon.core.plan import AUTO_METHODS, plan, settings_for
 from vir_addon.core.render import render
 from vir_addon.core.scene import SceneSnapshot
 from vir_addon.core.settings import Method, Settings
@@ -59,7 +59,7 @@ class Axis:
 
 def render_once(work: Work, snapshot: SceneSnapshot, method: Method, device: Device) -> dict[str, float]:
     """Milliseconds from the snapshot to the finished sums."""
-    settings = Settings(method=method, view_count=work.views, map_resolution_px=work.map_size)
+    settings = settings_for(device, Settings(method=method, view_count=work.views, map_resolution_px=work.map_size))
     start_s, start_cpu_s = time.perf_counter(), time.process_time()
     shared_ms: dict[str, float] = {}
     own_ms: dict[str, float] = {}

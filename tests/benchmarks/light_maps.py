@@ -16,7 +16,7 @@ from vir_addon.core.light_work import LightWork, MapStore
 from vir_addon.core.methods.base import DepthMapMethod
 from vir_addon.core.passes.eye import EyePass
 from vir_addon.core.passes.scene_data import SceneData
-from vir_addon.core.plan import PlannedPass, RenderPlan, check_device, plan
+from vir_addon.core.plan import PlannedPass, RenderPlan, check_device, plan, settings_for
 from vir_addon.core.scene import SceneSnapshot
 from vir_addon.core.settings import Method, Settings
 from vir_addon.core.stopwatch import Stopwatch
@@ -59,7 +59,7 @@ class Variant:
 
 def planned_variant(snapshot: SceneSnapshot, settings: Settings, device: Device) -> Variant:
     """What the plan makes of the settings for the scene's first light. UsageError if that cannot be."""
-    render_plan = plan(snapshot, replace(settings, light_names=(snapshot.lights[0].name,)))
+    render_plan = plan(snapshot, replace(settings_for(device, settings), light_names=(snapshot.lights[0].name,)))
     check_device(render_plan, device)
     return Variant(render_plan, render_plan.passes[0])
 
@@ -76,7 +76,7 @@ def possible_variants(snapshot: SceneSnapshot, settings: Settings, device: Devic
 
 
 class StageTimes(Stopwatch):
-    """Stages one by one, with the processor time of all threads: the first, which fits the views, is not a method's own."""
+    """Stages one by one, with the processor time of all threads. Fitting the views is host work and not among them."""
 
     def __init__(self, device: Device) -> None:
         super().__init__(device)
@@ -120,13 +120,13 @@ class LightMaps:
         """limit_ms: give up after the first batch that ends later. batch_limit: make no more than so many batches"""
         stopwatch = StageTimes(self.device)
         with self.prepared(variant, stopwatch) as (work, store):
-            prepared = np.sum(stopwatch.stages[1:], axis=0)
+            prepared = np.sum(stopwatch.stages, axis=0)
             all_batches = min(variant.plan.batch_count, variant.planned.view_count)
             batches = range(all_batches if batch_limit is None else min(batch_limit, all_batches))
             for batch in batches:
                 with stopwatch.stage("splat or raster"):
                     fill(work, store, batch)
-                spent = np.sum(stopwatch.stages[1:], axis=0)
+                spent = np.sum(stopwatch.stages, axis=0)
                 if spent[0] > limit_ms:
                     break
             methods = [method for _, _, method in work.mapped if method is not None]

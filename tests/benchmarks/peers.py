@@ -21,7 +21,7 @@ from vir_addon.blender.job import frame_jobs
 from vir_addon.blender.job import run as run_job
 from vir_addon.core.exr import write_exr
 from vir_addon.core.pass_set import shadow_pass_name
-from vir_addon.core.plan import AUTO_METHODS
+from vir_addon.core.plan import AUTO_METHODS, settings_for
 from vir_addon.core.settings import Method, Settings
 from vir_addon.device.interface import Device
 from vir_addon.device.open import open_device
@@ -64,7 +64,7 @@ class Contest:
         """The pass and the seconds of `render`, as of Cycles: from the open scene to the written file."""
 
         def render(method: Method, views: int) -> tuple[np.ndarray, float, float]:
-            settings = Settings(method=method, view_count=views, light_names=(self.light.name,))
+            settings = settings_for(device, Settings(method=method, view_count=views, light_names=(self.light.name,)))
             scene = self.scene
             with tempfile.TemporaryDirectory() as folder:
                 start_s, start_cpu_s = time.perf_counter(), time.process_time()

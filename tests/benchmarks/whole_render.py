@@ -16,6 +16,7 @@ from vir_addon.blender.job import run as run_job
 from vir_addon.cli.report import total_stage_ms
 from vir_addon.core.exr import write_exr
 from vir_addon.core.pass_set import STAGES
+from vir_addon.core.plan import settings_for
 from vir_addon.core.settings import Method, Settings
 from vir_addon.device.interface import Device
 from vir_addon.device.open import open_device
@@ -33,7 +34,7 @@ CYCLES = "Cycles"
 
 def render_once(scene: bpy.types.Scene, method: Method, view_count: int, resolution: tuple[int, int], device: Device) -> dict[str, Any]:
     """Seconds of the whole, milliseconds of the stages, and counts."""
-    settings = Settings(method=method, view_count=view_count)
+    settings = settings_for(device, Settings(method=method, view_count=view_count))
     with tempfile.TemporaryDirectory() as folder:
         start_s = time.perf_counter()
         (job,) = frame_jobs(scene, scene.frame_current, settings, resolution).values()

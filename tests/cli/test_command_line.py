@@ -1,5 +1,6 @@
 """The command line as a farm sees it: files, channels, exit statuses, and nothing half-written."""
 
+import contextlib
 import json
 import os
 import signal
@@ -10,7 +11,9 @@ import time
 import numpy as np
 import pytest
 
+from vir_addon.__main__ import main
 from vir_addon.cli.commands import jobs_of
+from vir_addon.cli.progress import ShownProgress
 from vir_addon.core.settings import Settings
 
 bpy = pytest.importorskip("bpy")
@@ -237,6 +240,17 @@ def test_ctrl_c_while_blender_calls_scripts(blend, capfd):
         bpy.app.handlers.frame_change_post.remove(interrupt)
     assert "KeyboardInterrupt" not in capfd.readouterr().err
     assert steps == []  # nothing was begun after it
+
+
+def test_ctrl_c_that_got_lost_is_heard_with_the_next_batch(blend, folder, monkeypatch):
+    def lose(*_):
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(ShownProgress, "large_step", lose)
+    output = folder / "lost"
+    assert main(["render", str(blend), "--output", str(output), *SIZE]) == 130
+    assert not list(output.glob("*.exr"))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no SIGINT for other processes")

@@ -54,8 +54,9 @@ def test_the_same_texels_are_covered(rasterizing_device, name, map_px, storage, 
     arguments = {"map_px": map_px, "method": Method.IVIR, "points": storage, "stochastic_culling": culling}
     compute, rasterizer = (first_maps(scene, device, range(4), point_generation=by, **arguments)[0] for by in (COMPUTE, RASTERIZER))
     assert np.isfinite(compute).mean() > 0.05
-    # depths as well: the points are the same
-    np.testing.assert_array_equal(rasterizer, compute)
+    np.testing.assert_array_equal(np.isfinite(rasterizer), np.isfinite(compute))
+    # depths as well: the points are the same, as far as a GPU's compiler rounds alike in a kernel and a geometry shader
+    np.testing.assert_allclose(rasterizer, compute, rtol=1e-6)
 
 
 @pytest.mark.parametrize("storage", PointStorage)

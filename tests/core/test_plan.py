@@ -19,10 +19,10 @@ from tests.scenes import (
 )
 from vir_addon.core import cost
 from vir_addon.core.errors import SceneError, UsageError
-from vir_addon.core.plan import AUTO_METHODS, plan
+from vir_addon.core.plan import AUTO_METHODS, plan, settings_for
 from vir_addon.core.render import render
 from vir_addon.core.scene import Mesh
-from vir_addon.core.settings import Method, PointStorage, Settings
+from vir_addon.core.settings import Hardware, Method, PointStorage, Settings
 
 WIDTH, HEIGHT = 48, 27
 
@@ -201,6 +201,18 @@ def test_more_triangles_are_predicted_to_take_longer(method):
     assert predicted == sorted(predicted) and predicted[-1] > 1.1 * predicted[0]
 
 
+def test_auto_chooses_by_what_will_render():
+    """Where triangles are smaller than texels, a GPU replays the few points that are kept for less than a software rasterizer does."""
+    arguments = {"replay_buffer_mib": 4, "view_count": 32, "map_resolution_px": 128}
+    chosen = {hardware: planned(fine_scene(150), hardware=hardware, **arguments).method for hardware in Hardware}
+    assert chosen == {Hardware.SOFTWARE: Method.MICRO, Hardware.GPU: Method.IVIR}
+
+
+def test_settings_follow_the_device(device):
+    software = "llvmpipe" in device.description
+    assert settings_for(device, Settings(hardware=Hardware.GPU)).hardware is (Hardware.SOFTWARE if software else Hardware.GPU)
+
+
 def test_predictions_add_up():
     """Of all passes that run, and of the eye, which is there once."""
     lights = [area_light("Key"), area_light("Fill", strength=0.0), area_light("Rim", (3, 0, 3))]
@@ -265,7 +277,7 @@ def test_cut_outs_are_not_splatted_unless_asked(monkeypatch):
     meshes = [floor(4.0), box("box", (0, 0, 0.5), (0.5, 0.5, 0.5)), card]
     camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
     scene = snapshot(meshes, lights, camera, WIDTH, HEIGHT)
-    estimates = {Method.IVIR: 1.0, Method.MICRO: 2.0, Method.MVR: 3.0}
+    estimates = {Method.IVIR: 1.0, Method.MICRO: 2.0, Method.MVR: 3.0, Method.HYBRID: 4.0}
     monkeypatch.setattr(cost, "estimate_methods", lambda *_, **__: estimates)
     lines = {line.light_name: line for line in plan(scene, Settings()).passes}
     assert lines["Both"].method is Method.MICRO and lines["Opaque only"].method is Method.IVIR

@@ -158,7 +158,8 @@ def test_variants_are_compiled_once(device):
 def test_a_refused_shader_names_kernel_file_and_line(device):
     with pytest.raises(DeviceError, match=r"kernel test_refused: .*refused\.comp\.glsl:4: int missing") as refusal:
         device.compute_kernel(REFUSED)
-    assert "name_that_is_not_there' undeclared" in str(refusal.value)
+    # once in the line that is shown, once in what the driver says
+    assert str(refusal.value).count("name_that_is_not_there") >= 2
 
 
 # drawing: a right triangle over the viewport's lower left half, and one behind it that covers all

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import bpy
@@ -83,6 +83,11 @@ def frame_jobs(
             + (f"; left out: {', '.join(left_out)}" if left_out else "")
         )
     return {name: LayerJob(taken, plan(taken, settings)) for name, taken in snapshots.items()}
+
+
+def replanned(jobs: Mapping[str, LayerJob], settings: Settings) -> dict[str, LayerJob]:
+    """The same snapshots with other settings."""
+    return {name: LayerJob(job.snapshot, plan(job.snapshot, settings)) for name, job in jobs.items()}
 
 
 def _has_surface_objects(objects: Iterable[bpy.types.Object]) -> bool:

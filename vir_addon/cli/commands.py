@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +16,7 @@ from ..core.pass_set import PassSet
 from ..core.settings import Settings
 from . import report
 from .arguments import settings_of
-from .interrupts import held_interrupts
+from .interrupts import held_interrupts, stop_if_asked
 from .progress import ShownProgress
 
 if TYPE_CHECKING:
@@ -46,10 +47,24 @@ def open_scene(arguments: argparse.Namespace) -> Any:
 def run_plan(arguments: argparse.Namespace, console: Console) -> None:
     settings = settings_of(arguments)
     scene = open_scene(arguments)
+    settings = _settings_for_named_device(arguments.device, settings, console)
     for frame in arguments.frames or [scene.frame_current]:
         jobs = jobs_of(scene, frame, settings, arguments.resolution, lambda step: None)
         for job in jobs.values():
             report.print_plan(console, job.snapshot, job.plan)
+
+
+def _settings_for_named_device(name: str, settings: Settings, console: Console) -> Settings:
+    """A plan needs no device: without one it is for a software rasterizer, and says so."""
+    from ..core.plan import settings_for
+    from ..device.open import open_device
+
+    try:
+        with contextlib.closing(open_device(name)) as device:
+            return settings_for(device, settings)
+    except DeviceError as error:
+        console.print(f"note: planned for {settings.hardware.value}, as {error}", highlight=False, markup=False)
+        return settings
 
 
 def jobs_of(
@@ -70,9 +85,10 @@ def jobs_of(
 def run_render(arguments: argparse.Namespace, console: Console) -> None:
     settings = settings_of(arguments)
     scene = open_scene(arguments)
+    from ..blender.job import replanned
     from ..core.exr import write_exr
     from ..core.files import check_writable
-    from ..core.plan import check_device
+    from ..core.plan import check_device, settings_for
     from ..device.open import open_device
 
     frames = arguments.frames or [scene.frame_current]
@@ -87,6 +103,10 @@ def run_render(arguments: argparse.Namespace, console: Console) -> None:
                 for folder in [arguments.output, *([arguments.stats.parent] if arguments.stats else [])]:
                     check_writable(folder)
                 device = open_device(arguments.device)
+                if settings_for(device, settings) != settings:
+                    settings = settings_for(device, settings)
+                    jobs = replanned(jobs, settings)
+            stop_if_asked()
             for job in jobs.values():
                 check_device(job.plan, device)
             target = arguments.output / f"{arguments.scene.stem}_{frame:04d}.exr"

@@ -10,15 +10,13 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
 
 from ..core.render import Progress
+from .interrupts import stop_if_asked
 from .report import error_text
 
 STAGE_TEXTS = {
     "upload": "uploading the scene",
     "eye G-buffer": "finding what the camera sees",
     "read-back": "finding what the camera sees",
-    "reflection maps": "drawing what reflectors see",
-    "reflect": "following reflections",
-    "light reflections": "lighting reflections",
     "points": "preparing",
     "splat or raster": "making maps",
     "resolve": "looking up",
@@ -62,6 +60,7 @@ class ShownProgress:
             self._bar.update(self._task, status=" ".join(filter(None, (STAGE_TEXTS[name], light_name))))
 
     def batch(self, progress: Progress) -> None:
+        stop_if_asked()
         self._latest = progress
         # a bar of nothing to do is full
         views = (max(progress.views_total, 1), progress.views_done if progress.views_total else 1)

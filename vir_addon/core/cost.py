@@ -1,81 +1,116 @@
 """What work costs: a linear model of each stage, in milliseconds.
 
-The rates were measured on a software rasterizer with two processors (docs/performance.md says how); on a GPU
-absolute times are far smaller, but what `auto` needs, the ratio between rasterizing triangles again for every view and replaying
-points, is of the same order.
+docs/performance.md says how the rates were measured. They belong to a kind of hardware: on a GPU what is drawn is cheap and what is
+asked for is dear, so `auto` does not choose there what it would on a software rasterizer.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from .bounds import SceneBounds
-from .reflectors import PlannedReflections
 from .scene import Light, LightShape, Mesh, SceneSnapshot
-from .settings import Method, PointStorage, Settings
+from .settings import Hardware, Method, PointStorage, Settings
 
-RASTER_NS_PER_TRIANGLE = 100.0
-RASTER_NS_PER_DRAW = 30_000.0
-RASTER_NS_PER_TEXEL = 4.0
-CUT_OUT_NS_PER_TEXEL = 20.0
-"""looking an opacity map up and what the rasterizer does besides"""
-GENERATE_NS_PER_TRIANGLE = 300.0
-GENERATE_NS_PER_POINT = 120.0
-"""105 of a closed surface of 2 million triangles, 260 of a scanned model"""
-SPLAT_NS_PER_POINT = 14.0
-"""of those generated: 13 where nearly half is found hidden after the first batch, 19 where nothing is"""
-CLEAR_NS_PER_TEXEL = 1.0
 POINT_BYTES = 16
-GATHER_NS_PER_TRIANGLE = 150.0
 MICRO_BYTES_PER_TRIANGLE = 48
-SMALL_NS_PER_TRIANGLE = 13.0
-SMALL_NS_PER_TEXEL = 32.0
 SMALL_PERIMETER_TEXELS = 12.0
 """around what micro-triangle rasterization calls small (core/passes/shadow_maps.py)"""
-RESOLVE_NS_PER_LOOKUP = 14.0
-FILTER_NS_PER_TAP = 5.0
-"""of pcss, in which most find nothing"""
-EYE_NS_PER_PIXEL = 60.0
-MAP_NS_PER_TEXEL = 60.0
-REFLECT_NS_PER_RAY = 500.0
 SAMPLED_TRIANGLES = 2048
 MAX_LAYERS = 16
 """surfaces one behind the other that large triangles are taken to fill the maps with"""
 POINTS_PER_TEXEL = 2.0
 """of the watertight lattice on a surface that faces the view (core/passes/shadow_maps.py); the published one has half"""
-
-
 GLOBAL_RATE_SHARE = 2.0
 """points of vir for one of ivir: 238 to 122 thousand in the preprint of 2020, section 3.2"""
 
 
-def eye_ms(snapshot: SceneSnapshot, eye_sample_count: int) -> float:
+@dataclass(frozen=True)
+class Rates:
+    """Nanoseconds"""
+
+    raster_triangle: float
+    """of mvr, a view"""
+    raster_texel: float
+    """of a map, a view"""
+    raster_draw: float
+    """a call, its host's time included"""
+    cut_out_texel: float
+    """looking an opacity map up and what the rasterizer does besides"""
+    gather_triangle: float
+    """micro's walk over all triangles"""
+    small_triangle: float
+    """that micro replays, a view"""
+    small_texel: float
+    """covered by such, a view"""
+    generate_triangle: float
+    """ivir's walk over all triangles"""
+    generate_point: float
+    splat_point: float
+    """of those generated, a view"""
+    clear_texel: float
+    look_up: float
+    """RESOLVE, of a pixel in a view's map"""
+    filter_tap: float
+    """of pcss, in which most find nothing"""
+    eye_pixel: float
+
+
+RATES = {
+    # points: 105 ns of a closed surface of 2 million triangles, 260 of a scanned model; replayed: 13 where nearly half is found
+    # hidden after the first batch, 19 where nothing is
+    Hardware.SOFTWARE: Rates(
+        raster_triangle=100.0,
+        raster_texel=4.0,
+        raster_draw=30_000.0,
+        cut_out_texel=20.0,
+        gather_triangle=150.0,
+        small_triangle=13.0,
+        small_texel=32.0,
+        generate_triangle=300.0,
+        generate_point=120.0,
+        splat_point=14.0,
+        clear_texel=1.0,
+        look_up=14.0,
+        filter_tap=5.0,
+        eye_pixel=60.0,
+    ),
+    # triangles: 1.5 ns of a closed surface, 5 of a forest's, gathered; points: 0.04 and 0.09
+    Hardware.GPU: Rates(
+        raster_triangle=0.8,
+        raster_texel=0.02,
+        raster_draw=35_000.0,
+        cut_out_texel=0.1,
+        gather_triangle=3.0,
+        small_triangle=0.15,
+        small_texel=0.03,
+        generate_triangle=2.5,
+        generate_point=1.0,
+        splat_point=0.05,
+        clear_texel=0.01,
+        look_up=0.7,
+        filter_tap=0.2,
+        eye_pixel=1.7,
+    ),
+}
+
+
+def eye_ms(snapshot: SceneSnapshot, settings: Settings, eye_sample_count: int) -> float:
     """One rasterization, which all offsets share, and a G-buffer of each."""
-    pixels = snapshot.width_px * snapshot.height_px
-    return (snapshot.instanced_triangle_count * RASTER_NS_PER_TRIANGLE + eye_sample_count * pixels * EYE_NS_PER_PIXEL) * 1e-6
+    pixels, rates = snapshot.width_px * snapshot.height_px, RATES[settings.hardware]
+    return (snapshot.instanced_triangle_count * rates.raster_triangle + eye_sample_count * pixels * rates.eye_pixel) * 1e-6
 
 
-def reflections_ms(snapshot: SceneSnapshot, planned: PlannedReflections, round_count: int) -> float:
-    """Maps of all reflectors, and rays of all rounds; not the light on what they meet, which is the lights'."""
-    faces = sum(each.face_count for each in planned.maps)
-    texels = sum(each.texel_count for each in planned.maps)
-    rays = round_count * planned.bounces * sum(math.prod(reflector.covered_px) for reflector in planned.reflectors)
-    return (
-        faces * snapshot.instanced_triangle_count * RASTER_NS_PER_TRIANGLE + texels * MAP_NS_PER_TEXEL + rays * REFLECT_NS_PER_RAY
-    ) * 1e-6
-
-
-def resolve_ms(snapshot: SceneSnapshot, view_count: int) -> float:
-    return snapshot.width_px * snapshot.height_px * view_count * RESOLVE_NS_PER_LOOKUP * 1e-6
+def resolve_ms(snapshot: SceneSnapshot, settings: Settings, view_count: int) -> float:
+    return snapshot.width_px * snapshot.height_px * view_count * RATES[settings.hardware].look_up * 1e-6
 
 
 def filter_ms(snapshot: SceneSnapshot, settings: Settings, eye_sample_count: int) -> float:
     """Of pcss, which looks the picture up with all taps for every eye sample."""
     taps = eye_sample_count * (settings.blocker_sample_count + settings.filter_sample_count)
-    return snapshot.width_px * snapshot.height_px * taps * FILTER_NS_PER_TAP * 1e-6
+    return snapshot.width_px * snapshot.height_px * taps * RATES[settings.hardware].filter_tap * 1e-6
 
 
 def _sampled_sizes(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
@@ -169,23 +204,24 @@ def estimate_methods(
     face_count: maps a view; they share out what casts, and each has its own texels to clear and its own walk over the triangles.
     batch_count: times that the views are taken in turn; what does not fit into its memory is made again for each.
     """
+    rates = RATES[settings.hardware]
     estimates = _estimate_instances(snapshot, light, settings, bounds)
     triangles = float(estimates.triangle_count.sum())
     texels = face_count * float(settings.map_resolution_px) ** 2
     draws = len(np.unique(snapshot.instances.mesh_index[estimates.triangle_count > 0]))
     covered = min(float((estimates.triangle_count * estimates.facing * estimates.texel_area).sum()), MAX_LAYERS * texels)
-    raster_ns = view_count * (triangles * RASTER_NS_PER_TRIANGLE + draws * RASTER_NS_PER_DRAW + texels * RASTER_NS_PER_TEXEL)
+    raster_ns = view_count * (triangles * rates.raster_triangle + draws * rates.raster_draw + texels * rates.raster_texel)
 
     facing = estimates.triangle_count * estimates.facing
     small = float((facing * estimates.small_share).sum())
     large = float((facing * (1 - estimates.small_share)).sum())
     budget_bytes = settings.replay_buffer_mib << 20
     gatherings = 1 if small * MICRO_BYTES_PER_TRIANGLE <= budget_bytes else batch_count
-    micro_ns = gatherings * face_count * triangles * GATHER_NS_PER_TRIANGLE + view_count * (
-        small * SMALL_NS_PER_TRIANGLE
-        + min(float((facing * estimates.texel_area * estimates.small_area_share).sum()), covered) * SMALL_NS_PER_TEXEL
-        + texels * CLEAR_NS_PER_TEXEL
-        + (large * RASTER_NS_PER_TRIANGLE + face_count * RASTER_NS_PER_DRAW + texels * RASTER_NS_PER_TEXEL if large else 0.0)
+    micro_ns = gatherings * face_count * triangles * rates.gather_triangle + view_count * (
+        small * rates.small_triangle
+        + min(float((facing * estimates.texel_area * estimates.small_area_share).sum()), covered) * rates.small_texel
+        + texels * rates.clear_texel
+        + (large * rates.raster_triangle + face_count * rates.raster_draw + texels * rates.raster_texel if large else 0.0)
     )
 
     point_counts = _point_counts(estimates, settings)
@@ -194,19 +230,19 @@ def estimate_methods(
         points = share * float((facing * point_counts)[becomes_points].sum())
         is_kept = settings.points is PointStorage.BUFFERED and points * POINT_BYTES <= budget_bytes
         generations = 1 if is_kept else batch_count
-        walk_ns = generations * (face_count * triangles * GENERATE_NS_PER_TRIANGLE + points * GENERATE_NS_PER_POINT)
-        return walk_ns + view_count * (points * SPLAT_NS_PER_POINT + texels * CLEAR_NS_PER_TEXEL)
+        walk_ns = generations * (face_count * triangles * rates.generate_triangle + points * rates.generate_point)
+        return walk_ns + view_count * (points * rates.splat_point + texels * rates.clear_texel)
 
     few_points = point_counts <= settings.small_triangle_points
     rasterized = float(facing[~few_points].sum())
     hybrid_ns = points_ns(few_points) + view_count * (
-        rasterized * RASTER_NS_PER_TRIANGLE + face_count * RASTER_NS_PER_DRAW + texels * RASTER_NS_PER_TEXEL if rasterized else 0.0
+        rasterized * rates.raster_triangle + face_count * rates.raster_draw + texels * rates.raster_texel if rasterized else 0.0
     )
     everything = np.ones_like(few_points)
     # splats cover texels as micro's triangles do, and what is large is cut into few
     walks = 1 if settings.points is PointStorage.BUFFERED else batch_count
-    epr_ns = walks * face_count * triangles * GENERATE_NS_PER_TRIANGLE + view_count * (
-        float(facing.sum()) * SMALL_NS_PER_TRIANGLE + covered * SMALL_NS_PER_TEXEL + texels * CLEAR_NS_PER_TEXEL
+    epr_ns = walks * face_count * triangles * rates.generate_triangle + view_count * (
+        float(facing.sum()) * rates.small_triangle + covered * rates.small_texel + texels * rates.clear_texel
     )
     nanoseconds = {
         Method.MVR: raster_ns,
@@ -218,13 +254,13 @@ def estimate_methods(
         Method.EPR: epr_ns,
         Method.PCSS: raster_ns,
     }
-    cut_out_ns = view_count * _cut_out_ns_a_view(snapshot, estimates, texels)
+    cut_out_ns = view_count * _cut_out_ns_a_view(snapshot, estimates, texels, rates)
     return {method: (ns + cut_out_ns) * 1e-6 for method, ns in nanoseconds.items()}
 
 
-def _cut_out_ns_a_view(snapshot: SceneSnapshot, estimates: _InstanceEstimates, texels: float) -> float:
+def _cut_out_ns_a_view(snapshot: SceneSnapshot, estimates: _InstanceEstimates, texels: float, rates: Rates) -> float:
     """The same for all methods, as all hand them to the rasterizer."""
     count = estimates.cut_out_count
     draws = len(np.unique(snapshot.instances.mesh_index[count > 0]))
     covered = min(float((count * estimates.texel_area).sum()), MAX_LAYERS * texels)
-    return float(count.sum()) * RASTER_NS_PER_TRIANGLE + draws * RASTER_NS_PER_DRAW + covered * CUT_OUT_NS_PER_TEXEL
+    return float(count.sum()) * rates.raster_triangle + draws * rates.raster_draw + covered * rates.cut_out_texel

@@ -236,7 +236,7 @@ class BlenderGpuDevice(Device):
         self._thread_id = threading.get_ident()
         self._kernels: dict[tuple[str, tuple[str, ...]], Any] = {}
         platform = gpu.platform
-        self.description = f"{platform.renderer_get()}, {platform.backend_type_get()} {platform.version_get()}"
+        self._describe(platform.renderer_get(), f"{platform.backend_type_get()} {platform.version_get()}")
         self.max_texture_size_px = int(gpu.capabilities.max_texture_size_get())
         self._fence = BlenderTexture(self, 1, 1, TextureFormat.RGBA32F)
         self._fence_target = gpu.types.GPUFrameBuffer(color_slots=[self._fence.handle])

@@ -128,6 +128,10 @@ class GeometryKernel(abc.ABC):
         """Draw so many strips into `viewport` (x, y, width, height) of the target, without a depth test."""
 
 
+SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "lavapipe", "SwiftShader", "Microsoft Basic Render", "Apple Software")
+"""parts of the names by which drivers that run on the processor call themselves"""
+
+
 class Device(abc.ABC):
     """A GPU (or its software stand-in).
 
@@ -139,6 +143,8 @@ class Device(abc.ABC):
     """'moderngl' or 'gpu'"""
     description: str
     """renderer and driver, as the driver names itself"""
+    is_software: bool
+    """whether the processor does its work"""
     max_texture_size_px: int
     stores_from_fragments: bool
     """whether raster kernels may have images"""
@@ -175,17 +181,16 @@ class Device(abc.ABC):
     @abc.abstractmethod
     def geometry_kernel(self, declaration: GeometryDeclaration, *flags: str) -> GeometryKernel: ...
 
+    def _describe(self, renderer: str, driver: str) -> None:
+        self.description = f"{renderer}, {driver}"
+        self.is_software = any(name.lower() in renderer.lower() for name in SOFTWARE_RENDERERS)
+
     def _kernel(self, kind: type, declaration: KernelDeclaration, flags: tuple[str, ...]) -> Any:
         """The variant's kernel of the backend's class `kind`, made when it is first asked for."""
         key = (declaration.name, tuple(sorted(flags)))
         if key not in self._kernels:
             self._kernels[key] = self.run(kind, self, declaration, key[1])
         return self._kernels[key]
-
-    @property
-    def kernel_count(self) -> int:
-        """compiled so far"""
-        return len(self._kernels)
 
     @abc.abstractmethod
     def fill(self, texture: Texture, value: int) -> None:

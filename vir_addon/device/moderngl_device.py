@@ -241,7 +241,7 @@ class ModernglDevice(Device):
                 "apt-get install libegl1 libgl1 libgl1-mesa-dri"
             ) from error
         info = self.context.info
-        self.description = f"{info['GL_RENDERER']}, OpenGL {info['GL_VERSION']}"
+        self._describe(info["GL_RENDERER"], f"OpenGL {info['GL_VERSION']}")
         self.max_texture_size_px = int(info["GL_MAX_TEXTURE_SIZE"])
         image_count = ctypes.c_int()
         ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.POINTER(ctypes.c_int))(native.load("glGetIntegerv"))(
@@ -251,11 +251,9 @@ class ModernglDevice(Device):
         # moderngl clears with float colours only, which is undefined for unsigned textures; drawing or writing takes 4 to 7 times longer
         clear = ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_uint))
         self._clear_unsigned = clear(native.load("glClearBufferuiv"))
-        # moderngl keeps Python's lock while it waits, and so Blender's interface from drawing; ctypes lets it go
-        self._wait = ctypes.CFUNCTYPE(None)(native.load("glFinish"))
         flush = ctypes.CFUNCTYPE(None)(native.load("glFlush"))
         # a software rasterizer fills texels of what it was given while it places the next draw's vertices; a GPU gains nothing from it
-        self.hand_over: Callable[[], None] = flush if "llvmpipe" in info["GL_RENDERER"] else lambda: None
+        self.hand_over: Callable[[], None] = flush if self.is_software else lambda: None
 
     def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
         if threading.get_ident() == self._thread_id:
@@ -311,14 +309,13 @@ class ModernglDevice(Device):
         return self.run(self._read, texture)
 
     def _read(self, texture: ModernglTexture) -> np.ndarray:
-        self._wait()
         dtype = np.uint32 if texture.format.is_unsigned else np.float32
         values = np.frombuffer(texture.handle.read(), dtype)
         shape = (texture.height, texture.width, texture.format.channel_count)
         return values.reshape(shape[:2] if shape[2] == 1 else shape)
 
     def finish(self) -> None:
-        self.run(self._wait)
+        self.run(self.context.finish)
 
     def close(self) -> None:
         self.run(self.context.release)
