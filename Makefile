@@ -4,22 +4,24 @@ PYTHON := .venv/bin/python
 PYTHON_LTS := .venv-lts/bin/python
 DEMO_BLEND := out/still_life.blend
 DEMO_PASSES := out/passes
+WHEELS := build/wheels
 # of `make bench` and `make bench-peers`, e.g. BENCH_OPTIONS="--model dragon.ply.gz --rounds 3"
 BENCH_OPTIONS ?=
 # What both Blenders must do; tests/lts adds what only 4.5 does.
 LTS_TESTS := tests/lts tests/blender tests/core/test_exr.py tests/test_registration.py tests/test_extension.py
 
-.PHONY: help setup setup-lts demo test test-all test-lts bench bench-peers check extension clean
+.PHONY: help setup setup-lts demo test test-all test-blender test-lts bench bench-peers check extension clean
 
 help:
 	@echo "make setup      .venv with everything; a second time it takes a second"
 	@echo "make demo       render the demo scene's passes into $(DEMO_PASSES)"
 	@echo "make test       the tests that take seconds each"
 	@echo "make test-all   all tests, and the Blender 4.5 LTS job"
+	@echo "make test-blender  the zip in a real Blender with a window; BLENDER=/path/to/blender"
 	@echo "make bench      time VIR's methods against rasterizing every view; how times grow, memory, Cycles"
 	@echo "make bench-peers  error against time: Cycles, Cycles denoised, EEVEE"
 	@echo "make check      lint, format, types, composition of every shader"
-	@echo "make extension  the zip for Blender, into dist/"
+	@echo "make extension  the zips for Blender, one a platform, into dist/"
 
 setup: .venv/.setup-done
 
@@ -46,6 +48,11 @@ test: setup
 test-all: setup test-lts
 	$(PYTHON) -m pytest
 
+# Not a part of the others: needs a Blender with a window. BLENDER=/path/to/blender make test-blender
+test-blender: extension
+	@mkdir -p out/real_blender
+	$(PYTHON) -m tests.real_blender dist out/real_blender
+
 test-lts: setup-lts
 	$(PYTHON_LTS) -m pytest -m "not slow" $(LTS_TESTS)
 
@@ -61,10 +68,16 @@ check: setup
 	$(PYTHON) -m mypy
 	$(PYTHON) -m vir_addon.device.check_shaders
 
-extension: setup
+# Wheels are fetched again when their pinned versions change.
+$(WHEELS)/.fetched: pyproject.toml tools/extension.py | setup
+	@rm -rf $(WHEELS) && mkdir -p $(WHEELS)
+	$(PYTHON) tools/extension.py wheels $(WHEELS)
+	@touch $@
+
+extension: setup $(WHEELS)/.fetched
 	@mkdir -p dist
 	$(PYTHON) tools/extension.py validate
-	$(PYTHON) tools/extension.py build dist
+	$(PYTHON) tools/extension.py build dist $(WHEELS)
 
 clean:
 	rm -rf .venv .venv-lts out dist build

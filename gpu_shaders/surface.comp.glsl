@@ -11,6 +11,9 @@ void main() {
     if (seen.x == 0u) {
         imageStore(positions, pixel, vec4(0.0, 0.0, 0.0, -1.0));
         imageStore(normals, pixel, vec4(0.0));
+#ifdef WITH_TRIANGLES
+        imageStore(surfaces, pixel, vec4(0.0));
+#endif
         return;
     }
     // the ray through the pixel's (shifted) centre: to the corner, along a row, along a column, eye
@@ -35,4 +38,7 @@ void main() {
     }
     imageStore(positions, pixel, vec4(position, float(seen.x) - 1.0));
     imageStore(normals, pixel, vec4(geometric, pack_direction(shading)));
+#ifdef WITH_TRIANGLES
+    imageStore(surfaces, pixel, vec4(float(seen.y), weights.yz, 0.0));
+#endif
 }

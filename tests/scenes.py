@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from vir_addon.core.material import BLACK, WHITE, Constant, Material, World
 from vir_addon.core.pass_set import shadow_pass_name
 from vir_addon.core.plan import plan
 from vir_addon.core.render import Renderer, render
@@ -184,8 +185,10 @@ def snapshot(
     visible_to_camera: Sequence[bool] | None = None,
     stable_ids: Sequence[int] | None = None,
     pixel_filter: PixelFilter = CENTRES_ONLY,
+    materials: Sequence[Material] = (),
+    world: World | None = None,
 ) -> SceneSnapshot:
-    """One instance of every mesh."""
+    """One instance of every mesh, of the material of the same number if there are any."""
     count = len(meshes)
 
     def flags(given: Sequence[bool] | None) -> np.ndarray:
@@ -199,9 +202,45 @@ def snapshot(
         visible_to_camera=flags(visible_to_camera),
         casts_shadow=flags(casts_shadow),
         stable_id=np.array([101 * (k + 1) for k in range(count)] if stable_ids is None else stable_ids, np.uint32),
+        material_set=np.arange(count, dtype=np.int32) if materials else None,
     )
     ordered = tuple(sorted(lights, key=lambda light: light.name))
-    return SceneSnapshot("Scene", "ViewLayer", 1, width, height, tuple(meshes), instances, ordered, camera, pixel_filter, np.zeros(3))
+    return SceneSnapshot(
+        "Scene",
+        "ViewLayer",
+        1,
+        width,
+        height,
+        tuple(meshes),
+        instances,
+        ordered,
+        camera,
+        pixel_filter,
+        np.zeros(3),
+        materials=tuple(materials),
+        material_sets=tuple((index,) for index in range(len(materials))),
+        world=world,
+    )
+
+
+# materials
+
+
+def mirror(reflectance: Sequence[float] = (1.0, 1.0, 1.0), roughness: float = 0.0) -> Material:
+    """Reflects the same share in all directions."""
+    return Material(
+        "mirror",
+        diffuse=BLACK,
+        dielectric_weight=BLACK,
+        metal_weight=WHITE,
+        metal=Constant(tuple(reflectance)),
+        has_metal_fresnel=False,
+        roughness=Constant(3 * (roughness,)),
+    )
+
+
+def matte(albedo: Sequence[float] = (0.8, 0.8, 0.8), emission: Sequence[float] = (0.0, 0.0, 0.0)) -> Material:
+    return Material("matte", diffuse=Constant(tuple(albedo)), dielectric_weight=BLACK, emission=Constant(tuple(emission)))
 
 
 def scaled(scene: SceneSnapshot, factor: float) -> SceneSnapshot:

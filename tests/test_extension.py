@@ -88,3 +88,38 @@ def test_blender_enables_what_was_unzipped(zip_path, tmp_path):
     assert result.returncode == 0, result.stdout + result.stderr
     assert "enabled and disabled twice" in result.stdout
     assert f"{extension_folder / 'gpu_shaders'}\n{extension_folder / 'presets'}\n" in result.stdout
+
+
+@pytest.fixture(scope="module")
+def platform_zips(tmp_path_factory) -> dict[str, zipfile.ZipFile]:
+    """By Blender's name of the platform; from empty wheels with the names of real ones, as tests fetch nothing."""
+    wheels, folder = tmp_path_factory.mktemp("wheels"), tmp_path_factory.mktemp("dist")
+    for package in ("moderngl-5.13.0", "glcontext-3.1.0", "openexr-3.5.3"):
+        for python in ("cp311", "cp313", "cp314"):
+            for tag in ("manylinux_2_28_x86_64", "win_amd64", "macosx_11_0_arm64"):
+                (wheels / f"{package}-{python}-{python}-{tag}.whl").write_bytes(f"{package} {python} {tag}".encode())
+    result = run_tool("build", str(folder), str(wheels))
+    assert result.returncode == 0, result.stdout + result.stderr
+    return {path.stem.partition(f"{MANIFEST['version']}-")[2]: zipfile.ZipFile(path) for path in folder.glob("*.zip")}
+
+
+@pytest.mark.parametrize(
+    ("platform", "tag"), [("linux_x64", "manylinux_2_28_x86_64"), ("windows_x64", "win_amd64"), ("macos_arm64", "macosx_11_0_arm64")]
+)
+def test_each_platform_has_its_own_wheels_unmodified(platform_zips, platform, tag):
+    archive = platform_zips[platform]
+    bundled = {name for name in archive.namelist() if name.endswith(".whl")}
+    assert len(bundled) == 9 and all(tag in name for name in bundled)
+    for name in bundled:
+        package, _, rest = name.removeprefix("wheels/").removesuffix(".whl").partition("-cp")
+        assert archive.read(name).decode() == f"{package} cp{rest[:3]} {tag}"
+    manifest = tomllib.loads(archive.read("blender_manifest.toml").decode())
+    generated = manifest["build"]["generated"]  # what counts in a zip of one platform
+    assert {path.removeprefix("./") for path in generated["wheels"]} == bundled
+    assert generated["platforms"] == [platform.replace("_", "-")] and manifest["permissions"] == MANIFEST["permissions"]
+
+
+def test_an_unfinished_download_is_not_packed(tmp_path):
+    (tmp_path / "moderngl-5.13.0-cp313-cp313-win_amd64.whl").write_bytes(b"")
+    result = run_tool("build", str(tmp_path), str(tmp_path))
+    assert result.returncode and "has 1 wheels" in result.stderr

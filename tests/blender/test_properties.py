@@ -52,9 +52,10 @@ def test_every_setting_of_the_core_can_be_set(registered):
     for name, value in chosen.items():
         setattr(registered.vir, name, value)
     wanted, default = properties.settings_of(registered), Settings()
-    # light_names belongs to the command line: the panel has a switch on each light
+    # light_names belongs to the command line: the panel has a switch on each light; reflections are not in the panel yet
+    not_offered = {"light_names", "effects", "bounces", "reflection_look_up", "reflection_map_mib"}
     same = [field.name for field in dataclasses.fields(Settings) if getattr(wanted, field.name) == getattr(default, field.name)]
-    assert same == ["light_names"]
+    assert set(same) == not_offered
 
 
 def test_the_panel_offers_what_the_core_has(registered):

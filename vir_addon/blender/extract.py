@@ -7,18 +7,21 @@ works too, and says so in the notes.
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
 
 from ..core.errors import SceneError
+from ..core.material import Material, World
 from ..core.scene import LeftOut, Light, SceneSnapshot
 from .extract_camera import Picture, extract_camera, extract_picture, extract_pixel_filter
 from .extract_instances import ObjectTable, PlacedInstances, SurfaceRows
 from .extract_lights import LightRow, name_lights, place_light, read_light
+from .extract_world import WorldReader
 from .light_linking import read_linking
 from .material_opacity import MaterialReader
+from .material_surface import SurfaceReader
 from .mesh_cache import MeshCache
 from .render_depsgraph import engine_of
 from .viewport_view import ViewportView
@@ -38,12 +41,13 @@ def snapshot(
     resolution: tuple[int, int] | None = None,
     view: ViewportView | None = None,
     cache: MeshCache | None = None,
+    with_materials: bool = False,
 ) -> SceneSnapshot:
     """Everything that renders, as numpy arrays that outlive the depsgraph.
 
     resolution: width and height of the whole frame in place of the scene's; a cropping render border cuts its part out of that.
     view: looked from instead of the scene's camera, which then need not exist. cache: of the same depsgraph; meshes that it knows are
-    the same objects in every snapshot.
+    the same objects in every snapshot. with_materials: what surfaces and the world look like, which reflections need.
     Raises SceneError for a scene that no renderer could make a picture of, OutOfTimeError as the cache demands.
     """
     start_s = time.perf_counter()
@@ -54,8 +58,11 @@ def snapshot(
         raise SceneError(f"The scene '{scene.name}' has no camera. Add one, or make one the active camera.")
     else:
         picture = extract_picture(scene.render, resolution)
-    surfaces, light_rows, left_out = _walk(depsgraph, frozenset() if view is None else view.hidden_uids, cache)
+    surfaces, light_rows, left_out = _walk(
+        depsgraph, frozenset() if view is None else view.hidden_uids, cache, with_materials=with_materials
+    )
     placed = surfaces.place()
+    appearance = _appearance(surfaces, depsgraph) if with_materials else None
     lights, unplaced = _place_lights(light_rows, placed, depsgraph)
     return SceneSnapshot(
         scene_name=scene.name,
@@ -69,14 +76,21 @@ def snapshot(
         camera=view.camera(placed.world_origin_m) if view else extract_camera(scene.camera, scene.render, picture, placed.world_origin_m),
         pixel_filter=extract_pixel_filter(scene, engine_of(depsgraph.scene)),
         world_origin_m=placed.world_origin_m,
-        left_out=_sorted_left_out([*left_out, *placed.left_out, *unplaced]),
-        notes=tuple((_notes(depsgraph, placed) if view is None else []) + sorted(surfaces.materials.notes)),
+        left_out=_sorted_left_out([*left_out, *placed.left_out, *unplaced, *(appearance.left_out if appearance else [])]),
+        notes=(
+            *(_notes(depsgraph, placed) if view is None else []),
+            *sorted(surfaces.materials.notes),
+            *sorted(appearance.notes if appearance else []),
+        ),
+        materials=appearance.materials if appearance else (),
+        material_sets=surfaces.material_sets if appearance else (),
+        world=appearance.world if appearance else None,
         extract_ms=1e3 * (time.perf_counter() - start_s),
     )
 
 
 def _walk(
-    depsgraph: bpy.types.Depsgraph, outside_uids: frozenset[int], cache: MeshCache | None
+    depsgraph: bpy.types.Depsgraph, outside_uids: frozenset[int], cache: MeshCache | None, *, with_materials: bool
 ) -> tuple[SurfaceRows, list[LightRow], list[LeftOut]]:
     """One pass over all that the depsgraph shows. No item, nor anything it hands out, is kept beyond its turn.
 
@@ -85,9 +99,8 @@ def _walk(
     is_viewport = depsgraph.mode == "VIEWPORT"
     hidden_uids = _not_in_rendered_collections(depsgraph.view_layer) if is_viewport else frozenset()
     objects = ObjectTable(depsgraph.view_layer_eval, hidden_uids)
-    read_with = MaterialReader if cache is None else cache.material_reader
-    materials = read_with(engine_of(depsgraph.scene), depsgraph.view_layer_eval.material_override)
-    surfaces = SurfaceRows(objects, materials, is_viewport=is_viewport, cache=cache)
+    materials, looks = _material_readers(depsgraph, cache)
+    surfaces = SurfaceRows(objects, materials, looks if with_materials else None, is_viewport=is_viewport, cache=cache)
     light_rows: list[LightRow] = []
     outside_light_rows: list[LightRow] = []
     left_out: list[LeftOut] = []
@@ -121,6 +134,33 @@ def _walk(
         else:
             (outside_light_rows if is_outside else light_rows).append(read_light(item))
     return surfaces, light_rows or outside_light_rows, left_out + materials.left_out
+
+
+def _material_readers(depsgraph: bpy.types.Depsgraph, cache: MeshCache | None) -> tuple[MaterialReader, SurfaceReader]:
+    engine, override = engine_of(depsgraph.scene), depsgraph.view_layer_eval.material_override
+    return (
+        (MaterialReader(engine, override), SurfaceReader(engine, override)) if cache is None else cache.material_readers(engine, override)
+    )
+
+
+@dataclass(frozen=True)
+class _Appearance:
+    """What only a snapshot with materials has."""
+
+    materials: tuple[Material, ...]
+    world: World
+    left_out: list[LeftOut]
+    notes: list[str]
+
+
+def _appearance(surfaces: SurfaceRows, depsgraph: bpy.types.Depsgraph) -> _Appearance:
+    looks = surfaces.surfaces
+    assert looks is not None
+    worlds = WorldReader(engine_of(depsgraph.scene))
+    # 4.5 knows no override
+    override = getattr(depsgraph.view_layer_eval, "world_override", None)
+    world = worlds.read(override or depsgraph.scene_eval.world)
+    return _Appearance(tuple(looks.materials), world, looks.left_out + worlds.left_out, looks.notes + worlds.notes)
 
 
 def _hair(shown: bpy.types.Object) -> list[LeftOut]:

@@ -9,16 +9,20 @@ from __future__ import annotations
 
 import array
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import bpy
 import numpy as np
 
+from ..core.material import Layer
 from ..core.scene import Instances, LeftOut, Mesh
+from .corner_layers import with_layers
 from .extract_mesh import extract_mesh
 from .material_opacity import MaterialOpacity, MaterialReader
+from .material_surface import SurfaceReader
 from .mesh_cache import MeshCache, ReadMesh
 from .mesh_parts import MeshPart, split_mesh
+from .properties import REFLECTOR_PROPERTY
 
 PERSISTENT_ID_LENGTH = 8
 _NO_MATRIX_BUFFER = bpy.app.version < (5, 0, 0)
@@ -36,6 +40,9 @@ class ObjectFacts:
     """session_uid of the original; the evaluated copy has another"""
     visible_to_camera: bool
     visible_to_shadow: bool
+    visible_to_glossy: bool
+    reflector_mark: int
+    """as in `Instances.reflector_mark`"""
     is_holdout: bool
     is_indirect_only: bool
     hide_render: bool
@@ -75,6 +82,8 @@ class ObjectTable:
             uid=original.session_uid,
             visible_to_camera=evaluated.visible_camera,
             visible_to_shadow=evaluated.visible_shadow,
+            visible_to_glossy=evaluated.visible_glossy,
+            reflector_mark=_reflector_mark(original),
             is_holdout=is_holdout,
             is_indirect_only=not is_holdout and evaluated.indirect_only_get(view_layer=self._view_layer),
             hide_render=evaluated.hide_render or original.session_uid in self._hidden_uids,
@@ -112,13 +121,18 @@ class SurfaceRows:
 
     objects: ObjectTable
     materials: MaterialReader
+    surfaces: SurfaceReader | None = None
+    """None: a snapshot without materials"""
     is_viewport: bool = False
     """a viewport depsgraph: meshes subdivided on the GPU are complete only through `to_mesh`"""
     cache: MeshCache | None = None
     meshes: list[Mesh] = field(default_factory=list)
     left_out: list[LeftOut] = field(default_factory=list)
     _parts_of_object: dict[tuple[int, int], list[_PlacedPart]] = field(default_factory=dict)
-    _parts_of_mesh: dict[tuple[int, tuple[MaterialOpacity | None, ...]], list[_PlacedPart]] = field(default_factory=dict)
+    _parts_of_mesh: dict[tuple[object, ...], list[_PlacedPart]] = field(default_factory=dict)
+    _set_of_object: dict[tuple[int, int], int] = field(default_factory=dict)
+    _index_of_set: dict[tuple[int, ...], int] = field(default_factory=dict)
+    _material_set: array.array = field(default_factory=lambda: array.array("i"))
     _mesh_index: array.array = field(default_factory=lambda: array.array("i"))
     _object_row: array.array = field(default_factory=lambda: array.array("i"))
     _instancer_row: array.array = field(default_factory=lambda: array.array("i"))
@@ -130,6 +144,8 @@ class SurfaceRows:
     def add(self, item: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object, object_row: int, instancer_row: int) -> None:
         """shown: `item.object`, of type MESH. Rows into `objects`."""
         for part in self._parts_of(shown, object_row, instancer_row):
+            if self.surfaces is not None:
+                self._material_set.append(self._set_of_object[object_row, shown.data.as_pointer()])
             self._mesh_index.append(part.mesh_index)
             self._is_visible.append(part.is_visible)
             self._casts.append(part.casts)
@@ -153,32 +169,53 @@ class SurfaceRows:
         parts = self._parts_of_object.get((object_row, address))
         if parts is None:
             materials = self.materials.materials_of(shown)
-            parts = self._parts_of_mesh.get((address, materials))
+            layers = self._layers_of(shown, object_row)
+            parts = self._parts_of_mesh.get((address, materials, layers))
             if parts is None:
-                read = self._read_cached(shown, materials, object_row, instancer_row)
+                read = self._read_cached(shown, materials, layers, object_row, instancer_row)
                 first = len(self.meshes)
                 self.meshes += [part.mesh for part in read.parts]
                 self.left_out += read.left_out
                 parts = [_PlacedPart(first + k, part.is_visible, part.casts) for k, part in enumerate(read.parts)]
-                self._parts_of_mesh[address, materials] = parts
+                self._parts_of_mesh[address, materials, layers] = parts
             self._parts_of_object[object_row, address] = parts
         return parts
 
+    def _layers_of(self, shown: bpy.types.Object, object_row: int) -> frozenset[Layer] | None:
+        """What the object's materials, whose set is noted, ask of its mesh; None without materials."""
+        if self.surfaces is None:
+            return None
+        material_set = self.surfaces.material_set(shown)
+        index = self._index_of_set.setdefault(material_set, len(self._index_of_set))
+        self._set_of_object[object_row, shown.data.as_pointer()] = index
+        return self.surfaces.layers_of(material_set)
+
     def _read_cached(
-        self, shown: bpy.types.Object, materials: tuple[MaterialOpacity | None, ...], object_row: int, instancer_row: int
+        self,
+        shown: bpy.types.Object,
+        materials: tuple[MaterialOpacity | None, ...],
+        layers: frozenset[Layer] | None,
+        object_row: int,
+        instancer_row: int,
     ) -> ReadMesh:
         uids = frozenset({self.objects.rows[object_row].uid, self.objects.rows[instancer_row].uid, shown.data.original.session_uid})
         if self.cache is None:
-            return self._read(shown, materials, uids)
+            return self._read(shown, materials, layers, uids)
         data = shown.data
-        key = (data.as_pointer(), len(data.vertices), len(data.polygons), len(data.loops), materials, shown.mode == "EDIT", uids)
+        key = (data.as_pointer(), len(data.vertices), len(data.polygons), len(data.loops), materials, layers, shown.mode == "EDIT", uids)
         read = self.cache.find(key)
         if read is None:
-            read = self._read(shown, materials, uids)
+            read = self._read(shown, materials, layers, uids)
             self.cache.keep(key, read)
         return read
 
-    def _read(self, shown: bpy.types.Object, materials: tuple[MaterialOpacity | None, ...], uids: frozenset[int]) -> ReadMesh:
+    def _read(
+        self,
+        shown: bpy.types.Object,
+        materials: tuple[MaterialOpacity | None, ...],
+        layers: frozenset[Layer] | None,
+        uids: frozenset[int],
+    ) -> ReadMesh:
         # in edit mode the evaluated data is a wrapper without polygons, in a render's depsgraph too
         needs_mesh = shown.mode == "EDIT" or (self.is_viewport and shown.modifiers and shown.modifiers[-1].type == "SUBSURF")
         data = shown.to_mesh() if needs_mesh else shown.data
@@ -187,6 +224,8 @@ class SurfaceRows:
         if extracted.dropped_vertex_count:
             reason = "has vertices whose coordinates are not finite numbers (or beyond 1e15); the triangles at them are missing"
             left_out.append(LeftOut(shown.name, reason, extracted.dropped_vertex_count))
+        if extracted.mesh is not None and layers is not None:
+            extracted = replace(extracted, mesh=with_layers(data, extracted, layers))
         if extracted.mesh is None:
             parts = []
         elif not materials:
@@ -230,6 +269,7 @@ class SurfaceRows:
             visible_to_camera=camera[object_row] & camera[instancer_row] & ~is_indirect_only[instancer_row] & is_visible[order],
             casts_shadow=shadow[object_row] & shadow[instancer_row] & casts[order],
             stable_id=_stable_ids(facts, object_row, instancer_row, persistent_ids[order]),
+            **self._of_reflections(object_row, instancer_row, order, is_visible),
         )
         return PlacedInstances(
             meshes=meshes,
@@ -240,6 +280,31 @@ class SurfaceRows:
             left_out=left_out,
             holdout_names=sorted({facts[row].name for row in np.unique(instancer_row) if facts[row].is_holdout}),
         )
+
+    def _of_reflections(
+        self, object_row: np.ndarray, instancer_row: np.ndarray, order: np.ndarray, is_visible: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        """Fields of `Instances` that only a snapshot with materials has."""
+        if self.surfaces is None:
+            return {}
+        facts = self.objects.rows
+        is_seen = np.array([fact.visible_to_glossy for fact in facts], dtype=bool)
+        mark = np.array([fact.reflector_mark for fact in facts], dtype=np.int8)
+        return {
+            "visible_in_reflections": is_seen[object_row] & is_seen[instancer_row] & is_visible[order],
+            "material_set": np.array(self._material_set, dtype=np.int32)[order],
+            # what an object says of itself goes before what its instancer says
+            "reflector_mark": np.where(mark[object_row] >= 0, mark[object_row], mark[instancer_row]),
+        }
+
+    @property
+    def material_sets(self) -> tuple[tuple[int, ...], ...]:
+        return tuple(self._index_of_set)
+
+
+def _reflector_mark(original: bpy.types.Object) -> int:
+    mark = original.get(REFLECTOR_PROPERTY)
+    return int(mark != 0) if isinstance(mark, (int, float)) else -1
 
 
 _NO_PERSISTENT_ID = (0,) * PERSISTENT_ID_LENGTH

@@ -39,7 +39,8 @@ class LightRow:
     size_x_m: float
     size_y_m: float
     spread_rad: float
-    strength: float
+    strength_rgb: np.ndarray
+    """(3,) float64"""
     casts_shadow: bool
     has_soft_falloff: bool
     cone_rad: float
@@ -64,7 +65,7 @@ def read_light(item: bpy.types.DepsgraphObjectInstance) -> LightRow:
         size_x_m=size_x_m,
         size_y_m=size_y_m,
         spread_rad=data.spread if shape.is_area else math.pi,
-        strength=compute_strength(data, item.matrix_world),
+        strength_rgb=compute_strength(data, item.matrix_world),
         casts_shadow=data.use_shadow,
         has_soft_falloff=shape.is_omni and data.use_soft_falloff,
         cone_rad=data.spot_size if shape is LightShape.SPOT else 2.0 * math.pi,
@@ -84,8 +85,8 @@ def _read_sizes(data: bpy.types.Light, shape: LightShape) -> tuple[float, float]
     return 2.0 * data.shadow_soft_size, 2.0 * data.shadow_soft_size
 
 
-def compute_strength(data: bpy.types.Light, matrix_world) -> float:
-    """The factor that makes a mean over samples of the light an irradiance (as luminance), for weighing lights in a combined pass.
+def compute_strength(data: bpy.types.Light, matrix_world) -> np.ndarray:
+    """(3,) float64, of linear Rec. 709: the factor that makes a mean over samples of the light an irradiance.
 
     With s(angle) = max(0, 1 - tan(angle) / tan(spread / 2)), which is 1 for a spread of pi, and d the distance in metres:
 
@@ -100,9 +101,9 @@ def compute_strength(data: bpy.types.Light, matrix_world) -> float:
     color = np.array(data.color, dtype=np.float64)
     if data.use_temperature:
         color = color * np.array(data.temperature_color, dtype=np.float64)
-    power = float(_LUMINANCE_OF_RGB @ (color * _emission_of_nodes(data))) * data.energy * 2.0**data.exposure
+    power = color * _emission_of_nodes(data) * data.energy * 2.0**data.exposure
     if not data.normalize:
-        power *= data.area(matrix_world=matrix_world)
+        power = power * data.area(matrix_world=matrix_world)
     if data.type == "SUN":
         return power
     if data.type != "AREA":
@@ -149,7 +150,8 @@ def place_light(row: LightRow, name: str, world_origin_m: np.ndarray) -> Light |
         size_x_m=row.size_x_m * scale_x,
         size_y_m=row.size_y_m * scale_y,
         spread_rad=row.spread_rad,
-        strength=row.strength,
+        strength=float(_LUMINANCE_OF_RGB @ row.strength_rgb),
+        strength_rgb=tuple(row.strength_rgb.tolist()),
         casts_shadow=row.casts_shadow,
         has_soft_falloff=row.has_soft_falloff,
         cone_rad=row.cone_rad,

@@ -146,7 +146,7 @@ def forecast_text(scene: bpy.types.Scene) -> str:
 
 
 def decision_text(state: SceneState, light_name: str) -> str:
-    """One line on a light: "64 views, about 0.8 s, error 0.006" or "skipped: casts no shadow"."""
+    """One short line on a light: "64 views, ~0.8 s", after a render "64 views, 0.8 s, error 0.006", or "skipped: casts no shadow"."""
     planned = state.planned(light_name)
     if planned is None:
         return "not planned yet"
@@ -156,7 +156,7 @@ def decision_text(state: SceneState, light_name: str) -> str:
     made = state.made(light_name)
     if made is not None and made.view_count == planned.view_count:
         return f"{views}, {seconds_text(sum(made.stage_ms.values()) * 1e-3)}, error {error_text(made.error_estimate)}"
-    return f"{views}, about {seconds_text(planned.predicted_ms * 1e-3 * (time_factor() or 1.0))}"
+    return f"{views}, ~{seconds_text(planned.predicted_ms * 1e-3 * (time_factor() or 1.0))}"
 
 
 def seconds_text(seconds: float) -> str:

@@ -1,4 +1,4 @@
-"""One channel of an image of the file, as bytes."""
+"""Images of the file: one channel as bytes, or colours as renderers interpolate them."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import enum
 import bpy
 import numpy as np
 
+from ..core.material import ImageTexels
+from ..core.material_program import LUMINANCE
+
 MAX_SIDE_PX = 2048
 """A larger image is shrunk: a texel of a leaf is smaller than one of a depth map long before, and 4 MiB an image are enough."""
-LUMINANCE = (0.2126, 0.7152, 0.0722)
-"""of linear colours"""
 _LUMINANCE_OF_TEXELS = np.array(LUMINANCE, np.float32)
 
 
@@ -48,16 +49,13 @@ def has_encoded_color(image: bpy.types.Image, channel: Channel) -> bool:
 
 def read_texels(image: bpy.types.Image, channel: Channel) -> tuple[np.ndarray, str]:
     """(height, width) uint8, row 0 at the bottom, and a note for the user or ''. Raises UnreadableImage."""
-    if image.source not in ("FILE", "GENERATED"):
-        raise UnreadableImage(f"the image '{image.name}', which is not a single picture ({image.source.lower()})")
     is_color = channel is not Channel.ALPHA
-    if is_color and not image.is_float and image.colorspace_settings.name not in _KNOWN_SPACES and not image.colorspace_settings.is_data:
-        raise UnreadableImage(f"the image '{image.name}' in the colour space {image.colorspace_settings.name}")
+    _check(image, is_color=is_color)
     pixels = _read_pixels(image)
     height, width, channel_count = pixels.shape
     note = ""
     if max(width, height) > MAX_SIDE_PX:
-        pixels = _shrink(pixels)
+        pixels = shrink(pixels, MAX_SIDE_PX)
         used = f"{pixels.shape[1]} x {pixels.shape[0]}"
         note = f"The opacity of the image '{image.name}' is used at {used} instead of {width} x {height} pixels."
     has_alpha = channel_count in (2, 4) and image.alpha_mode != "NONE"
@@ -73,6 +71,63 @@ def read_texels(image: bpy.types.Image, channel: Channel) -> tuple[np.ndarray, s
     if channel is Channel.GRAY_TIMES_ALPHA:
         values = values * alpha
     return np.round(np.clip(np.nan_to_num(values), 0.0, 1.0) * 255).astype(np.uint8), note
+
+
+def _check(image: bpy.types.Image, *, is_color: bool) -> None:
+    if image.source not in ("FILE", "GENERATED"):
+        raise UnreadableImage(f"the image '{image.name}', which is not a single picture ({image.source.lower()})")
+    if is_color and not image.is_float and image.colorspace_settings.name not in _KNOWN_SPACES and not image.colorspace_settings.is_data:
+        raise UnreadableImage(f"the image '{image.name}' in the colour space {image.colorspace_settings.name}")
+
+
+def read_colors(image: bpy.types.Image, max_side_px: int, max_bytes: int) -> tuple[ImageTexels, ImageTexels | None, str]:
+    """The colours; the alpha where the colours are not multiplied with it and yet it is there (channel packed images); and a note for the
+    user or ''. Raises UnreadableImage.
+
+    max_bytes: on the device, of the colours
+    """
+    _check(image, is_color=True)
+    pixels = _read_pixels(image)
+    height, width, channel_count = pixels.shape
+    has_alpha = channel_count in (2, 4) and image.alpha_mode != "NONE" and bool((pixels[..., -1] < 1.0).any())
+    is_packed = image.alpha_mode == "CHANNEL_PACKED" or image.colorspace_settings.is_data
+    if has_alpha and not is_packed and image.alpha_mode == "STRAIGHT":
+        pixels[..., :-1] *= pixels[..., -1:]
+    is_gray = channel_count < 3 or _is_gray(pixels[..., :3])
+    bytes_per_px = 16 if image.is_float else 8 if has_alpha and not is_packed else 2 if is_gray else 4
+    max_side_px = min(max_side_px, int(max(width, height) * (max_bytes / (bytes_per_px * width * height)) ** 0.5))
+    note = ""
+    if max(width, height) > max_side_px:
+        pixels = shrink(pixels, max(max_side_px, 1))
+        used = f"{pixels.shape[1]} x {pixels.shape[0]}"
+        note = f"In reflections the image '{image.name}' is used at {used} instead of {width} x {height} pixels."
+    colors, alpha = (pixels[..., :-1], pixels[..., -1:]) if channel_count in (2, 4) else (pixels, None)
+    colors = colors[..., :1] if is_gray else colors
+    is_srgb = has_encoded_color(image, Channel.RED)
+    if not has_alpha or alpha is None:
+        return ImageTexels(image.name, _stored(colors, image), is_srgb), None, note
+    if is_packed:
+        return ImageTexels(image.name, _stored(colors, image), is_srgb), ImageTexels(image.name, _stored(alpha, image)), note
+    if is_gray:
+        # what has an alpha has all channels
+        colors = np.repeat(colors, 3, axis=2)
+    return ImageTexels(image.name, _stored(np.concatenate([colors, alpha], axis=2), image), is_srgb), None, note
+
+
+def _stored(values: np.ndarray, image: bpy.types.Image) -> np.ndarray:
+    """Copies; float images keep what is beyond 1."""
+    values = np.nan_to_num(values, nan=0.0)
+    if image.is_float:
+        return np.clip(values, -_LARGEST_VALUE, _LARGEST_VALUE)
+    return (np.clip(values, 0.0, 1.0) * np.float32(255) + np.float32(0.5)).astype(np.uint8)
+
+
+_LARGEST_VALUE = 1e9
+"""Suns in pictures of the sky are below it; squares of it are still numbers."""
+
+
+def _is_gray(colors: np.ndarray) -> bool:
+    return np.array_equal(colors[..., 0], colors[..., 1]) and np.array_equal(colors[..., 0], colors[..., 2])
 
 
 _KNOWN_SPACES = ("sRGB", "Non-Color", "Linear Rec.709")
@@ -92,16 +147,16 @@ def _read_pixels(image: bpy.types.Image) -> np.ndarray:
 
 
 def _gray(colors: np.ndarray, *, is_encoded: bool) -> np.ndarray:
-    if np.array_equal(colors[..., 0], colors[..., 1]) and np.array_equal(colors[..., 0], colors[..., 2]):
+    if _is_gray(colors):
         return colors[..., 0]
     if not is_encoded:
         return colors @ _LUMINANCE_OF_TEXELS
     return _linear_to_srgb(srgb_to_linear(colors) @ _LUMINANCE_OF_TEXELS)
 
 
-def _shrink(pixels: np.ndarray) -> np.ndarray:
-    """Means of blocks, which keep the share that is opaque."""
-    factor = MAX_SIDE_PX / max(pixels.shape[:2])
+def shrink(pixels: np.ndarray, max_side_px: int) -> np.ndarray:
+    """Means of blocks, which keep the share that is opaque: (height, width, channel_count) float32."""
+    factor = max_side_px / max(pixels.shape[:2])
     for axis in range(2):
         size = pixels.shape[axis]
         count = max(1, round(size * factor))

@@ -19,7 +19,7 @@ MISSING_COLOR = (1.0, 0.0, 1.0)
 
 
 def write_images(passes: PassSet, *, pack: bool = True, scene_name: str = "", layer_name: str | None = None) -> dict[str, bpy.types.Image]:
-    """Write every pass into an image of its name ("VIR Shadow Key"): float, Non-Color, grey. Returns pass name -> image.
+    """Write every pass into an image of its name ("VIR Shadow Key"): float, Non-Color, grey or linear RGB. Returns pass name -> image.
 
     An image that an earlier call made for the pass is filled again, resized where needed, so nodes keep pointing at it. An
     artist's image that happens to have the name is left alone; ours then gets a number from Blender. `pack` puts the pixels into the
@@ -67,13 +67,13 @@ def mark_missing(scene_name: str) -> None:
 
 
 def _write_image(pass_name: str, scene_name: str, pixels: np.ndarray, pack: bool) -> bpy.types.Image:
-    height, width = pixels.shape
+    height, width = pixels.shape[:2]
     image = find_image(pass_name, scene_name) or _new_image(pass_name, width, height)
     image[SCENE_PROPERTY] = scene_name
     if tuple(image.size) != (width, height):
         image.scale(width, height)
     rgba = np.ones((height, width, image.channels), dtype=np.float32)
-    rgba[..., :3] = pixels[..., np.newaxis]
+    rgba[..., :3] = pixels.reshape(height, width, -1)
     image.pixels.foreach_set(rgba.ravel())
     image.update()
     if pack:

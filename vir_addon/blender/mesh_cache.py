@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from .material_opacity import MaterialReader
+from .material_surface import SurfaceReader
 from .mesh_parts import MeshPart
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ class MeshCache:
     def __init__(self) -> None:
         self._meshes: dict[Hashable, ReadMesh] = {}
         self._used: set[Hashable] = set()
-        self._materials: tuple[Hashable, MaterialReader] | None = None
+        self._materials: tuple[Hashable, MaterialReader, SurfaceReader] | None = None
         self._deadline_s = float("inf")
         self._has_read = False
         self.read_count = 0
@@ -89,10 +90,10 @@ class MeshCache:
         self._meshes[key] = read
         self._used.add(key)
 
-    def material_reader(self, engine: str, override: bpy.types.Material | None) -> MaterialReader:
-        """One that knows what it has read, as long as no material and no image has changed, come or gone."""
+    def material_readers(self, engine: str, override: bpy.types.Material | None) -> tuple[MaterialReader, SurfaceReader]:
+        """Those that know what they have read, as long as no material and no image has changed, come or gone."""
         uids = (*(one.session_uid for one in bpy.data.materials), *(one.session_uid for one in bpy.data.images))
         key = (engine, None if override is None else override.session_uid, uids)
         if self._materials is None or self._materials[0] != key:
-            self._materials = key, MaterialReader(engine, override)
-        return self._materials[1]
+            self._materials = key, MaterialReader(engine, override), SurfaceReader(engine, override)
+        return self._materials[1:]

@@ -9,12 +9,10 @@ import bpy
 import numpy as np
 
 from ..core.scene import Mesh
+from .corner_layers import read_material_slots, read_uvs
 from .extract_mesh import ExtractedMesh
 from .material_opacity import MaterialOpacity
 from .mesh_topology import is_closed
-
-_LARGEST_UV = 2.0**20
-"""Farther out float32 no longer tells an image's texels apart."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +32,7 @@ def split_mesh(
     """
     whole = extracted.mesh
     assert whole is not None
-    slot = np.clip(_read_material_index(data), 0, len(materials) - 1)
-    slot_of_triangle = slot if extracted.corners is None else slot[_faces_of_triangles(data, extracted)]
+    slot_of_triangle = np.clip(read_material_slots(data, extracted), 0, len(materials) - 1)
     is_opaque = np.array([material is None for material in materials])[slot_of_triangle]
     missing: list[str] = []
     parts: list[MeshPart] = []
@@ -52,7 +49,7 @@ def split_mesh(
             corner_uvs: np.ndarray | None = np.zeros((len(data.loops), 2), np.float32)
         else:
             if material.uv_map not in uvs:
-                uvs[material.uv_map] = _read_uvs(data, material.uv_map)
+                uvs[material.uv_map] = read_uvs(data, material.uv_map)
             corner_uvs = uvs[material.uv_map]
         if corner_uvs is None:
             uv_map = f"UV map '{material.uv_map}'" if material.uv_map else "UV map"
@@ -77,6 +74,8 @@ def _opaque_part(whole: Mesh, chosen: np.ndarray) -> Mesh:
         point_normals_os=None if whole.point_normals_os is None else whole.point_normals_os[used],
         corner_normals_os=None if whole.corner_normals_os is None else whole.corner_normals_os[chosen],
         is_closed=is_closed(triangles, len(used)),
+        material_slot=None if whole.material_slot is None else whole.material_slot[chosen],
+        layers={layer: values[chosen] for layer, values in whole.layers.items()},
     )
 
 
@@ -97,30 +96,6 @@ def _cut_out_part(whole: Mesh, chosen: np.ndarray, corners: np.ndarray | None, c
         point_normals_os=normals,
         opacity_map=material.opacity_map,
         uvs=(places.reshape(-1, 2) @ rows[:, :2].T + rows[:, 2]).astype(np.float32),
+        material_slot=None if whole.material_slot is None else whole.material_slot[chosen],
+        layers={layer: values[chosen] for layer, values in whole.layers.items()},
     )
-
-
-def _read_material_index(data: bpy.types.Mesh) -> np.ndarray:
-    """(face_count,) int32"""
-    slot = np.zeros(len(data.polygons), np.int32)
-    attribute = data.attributes.get("material_index")
-    if attribute is not None:
-        attribute.data.foreach_get("value", slot)
-    return slot
-
-
-def _faces_of_triangles(data: bpy.types.Mesh, extracted: ExtractedMesh) -> np.ndarray:
-    """(triangle_count,) int32"""
-    faces = np.empty(len(data.loop_triangles), np.int32)
-    data.loop_triangle_polygons.foreach_get("value", faces)
-    return faces if extracted.is_kept is None else faces[extracted.is_kept]
-
-
-def _read_uvs(data: bpy.types.Mesh, name: str | None) -> np.ndarray | None:
-    """(corner_count, 2) float32, or None if the mesh has no such UV map"""
-    names = [layer.name for layer in data.uv_layers if (layer.active_render if name is None else layer.name == name)]
-    if not names:
-        return None
-    uvs = np.empty((len(data.loops), 2), np.float32)
-    data.attributes[names[0]].data.foreach_get("vector", uvs.reshape(-1))
-    return np.clip(np.nan_to_num(uvs), -_LARGEST_UV, _LARGEST_UV)

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from .. import __version__
-from ..core.settings import Method, PointGeneration, PointStorage, Resolve, Settings
+from ..core.settings import Effect, Method, PointGeneration, PointStorage, ReflectionLookUp, Resolve, Settings
 
 EXIT_STATUS_TEXT = "exit status: 0 done, 2 wrong usage, 3 the scene cannot be rendered, 4 no usable device, 130 stopped with Ctrl-C"
 
@@ -54,6 +54,12 @@ def parse_sample_counts(text: str) -> tuple[int, int]:
     return int(search), int(of_filter)
 
 
+def parse_effects(text: str) -> tuple[Effect, ...]:
+    """'shadow,reflection' -> both, in the order of `Effect`, each once"""
+    asked = {_parse_choice(Effect, part.strip()) for part in text.split(",")}
+    return tuple(effect for effect in Effect if effect in asked)
+
+
 def _parse_choice(choices: type[enum.Enum], text: str) -> enum.Enum:
     try:
         return choices(text)
@@ -64,7 +70,9 @@ def _parse_choice(choices: type[enum.Enum], text: str) -> enum.Enum:
 
 def make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m vir_addon", description="Soft-shadow passes, one per light, from a .blend.", epilog=EXIT_STATUS_TEXT
+        prog="python -m vir_addon",
+        description="Soft-shadow passes, one per light, and reflection passes from a .blend.",
+        epilog=EXIT_STATUS_TEXT,
     )
     parser.add_argument("--version", action="version", version=f"VIR {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="command")
@@ -96,6 +104,13 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scene-name", metavar="NAME", help="which scene of the file; default: the one that was open when it was saved")
     parser.add_argument(
         "--frames", type=parse_frames, metavar="1-24", help="frames, e.g. 1-24, 1-24:2 or 3,7; default: the file's current frame"
+    )
+    parser.add_argument(
+        "--effects",
+        type=parse_effects,
+        default=defaults.effects,
+        metavar=",".join(effect.value for effect in Effect),
+        help="which passes; default: shadow",
     )
     parser.add_argument("--lights", type=parse_names, metavar="Key,Fill", help="only these lights; default: all")
     parser.add_argument(
@@ -156,12 +171,29 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="full|adaptive",
         help="adaptive only probes what 16 samples find wholly lit or dark: faster, error below 0.001; default: adaptive",
     )
+    parser.add_argument(
+        "--bounces",
+        type=int,
+        default=defaults.bounces,
+        metavar="N",
+        help="how often light is followed from reflector to reflector; default: 2 where there are several, otherwise 1",
+    )
+    parser.add_argument(
+        "--reflection-look-up",
+        type=partial(_parse_choice, ReflectionLookUp),
+        default=defaults.reflection_look_up,
+        metavar="march|direction",
+        help="follow rays through the depths of reflectors' maps (default), or look them up by direction as published: things slide",
+    )
     parser.add_argument("--resolution", type=parse_resolution, metavar="960x540", help="of the picture; default: the scene's")
 
 
 def settings_of(arguments: argparse.Namespace) -> Settings:
     """Raises UsageError for values out of range."""
     return Settings(
+        effects=arguments.effects,
+        bounces=arguments.bounces,
+        reflection_look_up=arguments.reflection_look_up,
         method=arguments.method,
         points=arguments.points,
         point_generation=arguments.point_generation,

@@ -41,10 +41,30 @@ def print_plan(console: Console, snapshot: SceneSnapshot, plan: RenderPlan) -> N
             table.add_row(planned.light_name, "yes", *maps, predicted, planned.reason)
         else:
             table.add_row(planned.light_name, "no", "", "", "", "", planned.reason)
-    console.print(table)
+    if plan.passes:
+        console.print(table)
+    print_reflectors(console, plan)
     predicted = f"about {milliseconds(plan.predicted_ms)} on {plan.settings.hardware.value}"
     console.print(f"{plan.batch_count} batches, {plan.eye_sample_count} eye samples, {predicted}", highlight=False)
     print_notes(console, list(plan.notes), [f"{item.object_name}: {item.reason}" for item in snapshot.left_out])
+
+
+def print_reflectors(console: Console, plan: RenderPlan) -> None:
+    if plan.reflections is None:
+        return
+    table = Table("reflector", "runs", "method", "map", "why")
+    for reflector in plan.reflections.reflectors:
+        drawn = reflector.seen or reflector.met
+        size = f"{drawn.width_px} x {drawn.height_px} px{' x 6' * drawn.is_cube}" if drawn is not None else ""
+        table.add_row(reflector.name, "yes" if reflector.runs else "no", reflector.method_text, size, reflector.reason)
+    if not plan.reflections.reflectors:
+        console.print("nothing reflects: no material in the scene mirrors sharply enough, and no object is marked as a reflector")
+        return
+    console.print(table)
+    if plan.reflections.runs:
+        lights = ", ".join(planned.light_name for planned in plan.reflected_lights) or "no light"
+        predicted = milliseconds(plan.reflections.predicted_ms)
+        console.print(f"{plan.reflections.bounces} bounces, predicted {predicted}; lit by {lights}", highlight=False, markup=False)
 
 
 def print_notes(console: Console, notes: list[str], left_out: list[str]) -> None:
@@ -64,7 +84,16 @@ def print_statistics(console: Console, statistics: SetStatistics) -> None:
         faces = f" x {made.face_count} faces" if made.face_count > 1 else ""
         maps = f"{made.map_resolution_px} px{faces}" if made.map_resolution_px else "none"
         table.add_row(made.pass_name, made.method, str(made.view_count), maps, _prepared(made), *times, error_text(made.error_estimate))
-    console.print(table)
+    if statistics.passes:
+        console.print(table)
+    if statistics.reflections is not None:
+        found = statistics.reflections
+        console.print(
+            f"reflections: {found.map_count} maps of {found.map_texel_count:,} texels in all; of {found.ray_count:,} rays "
+            f"{found.found_share:.1%} met a surface, {found.by_direction_share:.1%} one hidden from their map, "
+            f"{found.left_share:.1%} none; error {error_text(found.error_estimate)}",
+            highlight=False,
+        )
     for made in statistics.passes:
         if not made.map_resolution_px:
             console.print(f"{made.pass_name}: {made.reason}", highlight=False, markup=False)
@@ -97,6 +126,8 @@ def statistics_record(frame: int, output: Path, layers: Mapping[str, PassSet]) -
             made["stage_ms"] = {stage: made["stage_ms"].get(stage, 0.0) for stage in STAGES if stage in made["stage_ms"]}
             if not math.isfinite(made["error_estimate"]):
                 made["error_estimate"] = None
+        if passes.statistics.reflections is not None and not math.isfinite(passes.statistics.reflections.error_estimate):
+            plain["reflections"]["error_estimate"] = None
         plain["total_stage_ms"] = total_stage_ms(passes.statistics)
         record["view_layers"][name] = plain
     return record

@@ -6,11 +6,13 @@ asked for is dear, so `auto` does not choose there what it would on a software r
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from .bounds import SceneBounds
+from .reflectors import PlannedReflections
 from .scene import Light, LightShape, Mesh, SceneSnapshot
 from .settings import Hardware, Method, PointStorage, Settings
 
@@ -18,6 +20,9 @@ POINT_BYTES = 16
 MICRO_BYTES_PER_TRIANGLE = 48
 SMALL_PERIMETER_TEXELS = 12.0
 """around what micro-triangle rasterization calls small (core/passes/shadow_maps.py)"""
+MAP_NS_PER_TEXEL = 60.0
+REFLECT_NS_PER_RAY = 500.0
+"""of a software rasterizer; on a GPU neither was measured yet"""
 SAMPLED_TRIANGLES = 2048
 MAX_LAYERS = 16
 """surfaces one behind the other that large triangles are taken to fill the maps with"""
@@ -101,6 +106,15 @@ def eye_ms(snapshot: SceneSnapshot, settings: Settings, eye_sample_count: int) -
     """One rasterization, which all offsets share, and a G-buffer of each."""
     pixels, rates = snapshot.width_px * snapshot.height_px, RATES[settings.hardware]
     return (snapshot.instanced_triangle_count * rates.raster_triangle + eye_sample_count * pixels * rates.eye_pixel) * 1e-6
+
+
+def reflections_ms(snapshot: SceneSnapshot, settings: Settings, planned: PlannedReflections, round_count: int) -> float:
+    """Maps of all reflectors, and rays of all rounds; not the light on what they meet, which is the lights'."""
+    faces = sum(each.face_count for each in planned.maps)
+    texels = sum(each.texel_count for each in planned.maps)
+    rays = round_count * planned.bounces * sum(math.prod(reflector.covered_px) for reflector in planned.reflectors)
+    triangles_ns = faces * snapshot.instanced_triangle_count * RATES[settings.hardware].raster_triangle
+    return (triangles_ns + texels * MAP_NS_PER_TEXEL + rays * REFLECT_NS_PER_RAY) * 1e-6
 
 
 def resolve_ms(snapshot: SceneSnapshot, settings: Settings, view_count: int) -> float:

@@ -13,13 +13,13 @@ from .files import whole_file
 from .pass_set import PassSet, PassStatistics
 
 
-def channel_name(view_layer_name: str, pass_name: str) -> str:
+def channel_name(view_layer_name: str, pass_name: str, channel: str = "V") -> str:
     """'View.Layer', 'VIR Shadow Key' -> 'View_Layer.VIR Shadow Key.V'. Readers split at dots, so the names' own dots go."""
-    return f"{view_layer_name.replace('.', '_')}.{pass_name.replace('.', '_')}.V"
+    return f"{view_layer_name.replace('.', '_')}.{pass_name.replace('.', '_')}.{channel}"
 
 
 def write_exr(target: Path, layers: Mapping[str, PassSet], *, scene_name: str, frame: int) -> None:
-    """Write every image of every view layer as one channel: 32-bit float, one part, ZIP, with how each was made as attributes.
+    """Write every image of every view layer as a channel V, or R, G and B: 32-bit float, one part, ZIP; how each was made as attributes.
 
     layers: view layer name -> its passes.
 
@@ -48,10 +48,12 @@ def _channels(layers: Mapping[str, PassSet]) -> dict[str, np.ndarray]:
     channels: dict[str, np.ndarray] = {}
     for view_layer_name, passes in layers.items():
         for pass_name, image in passes.images.items():
-            name = channel_name(view_layer_name, pass_name)
-            if name in channels:
-                raise UsageError(f"two passes would be written to the channel {name}; rename one of the lights or view layers")
-            channels[name] = np.ascontiguousarray(image[::-1], dtype=np.float32)
+            planes = {"V": image} if image.ndim == 2 else {letter: image[..., index] for index, letter in enumerate("RGB")}
+            for letter, plane in planes.items():
+                name = channel_name(view_layer_name, pass_name, letter)
+                if name in channels:
+                    raise UsageError(f"two passes would be written to the channel {name}; rename one of the lights or view layers")
+                channels[name] = np.ascontiguousarray(plane[::-1], dtype=np.float32)
     if not channels:
         raise UsageError("there is no pass to write")
     return channels

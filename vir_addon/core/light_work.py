@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from .passes.percentage_closer import PERCENTAGE_CLOSER, LightTaps
 from .passes.scene_data import SceneData
 from .passes.shadow_maps import FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, WAS_LIT, DepthMaps, face_table, samples_table, views_table
 from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
+from .reflection_work import ReflectionWork
 from .sampling import light_samples, sample_weights
 from .scene import Light, LightShape
 from .settings import Method, Resolve
@@ -103,9 +105,15 @@ class FaceTurns:
 
 
 class LightWork(Shared):
-    def __init__(self, planned: PlannedPass, light: Light, plan: RenderPlan, scene_data: SceneData, store: MapStore) -> None:
+    def __init__(
+        self, planned: PlannedPass, light: Light, plan: RenderPlan, scene_data: SceneData, store: MapStore, has_pass: bool = True
+    ) -> None:
+        """has_pass: whether the picture is looked up, not only what reflectors show"""
         snapshot = scene_data.snapshot
+        self.has_pass = has_pass
         self.planned, self.light, self.plan, self.scene_data, self.store = planned, light, plan, scene_data, store
+        if not light.casts_shadow:
+            self.light = replace(light, blockers=np.zeros(len(snapshot.instances), bool))
         self.device = scene_data.device
         self.batches_done = 0
         self.is_between_batches = False
@@ -227,11 +235,12 @@ class LightWork(Shared):
     def render_batch(self, batch: int, eye: EyePass, stopwatch: Stopwatch) -> None:
         run_steps(self.rendering(batch, eye, stopwatch))
 
-    def rendering(self, batch: int, eye: EyePass, stopwatch: Stopwatch) -> Steps:
-        """`render_batch`, pausing between filling maps and looking them up."""
+    def rendering(self, batch: int, eye: EyePass, stopwatch: Stopwatch, reflections: ReflectionWork | None = None) -> Steps:
+        """`render_batch`, pausing between filling maps and looking them up. reflections: what they show is looked up as well"""
         self.is_between_batches = False
         selected = self.batch_views(batch)
-        self.accumulator.begin_batch(len(eye.buffers))
+        if self.has_pass:
+            self.accumulator.begin_batch(len(eye.buffers))
         turns: FaceTurns | None = None
         for index, (_, _, method) in enumerate(self.mapped):
             maps = self.store.maps(self.largest_batch)
@@ -240,15 +249,21 @@ class LightWork(Shared):
                     method.fill(maps, selected)
                 maps = method.kept_maps or maps
                 yield None
+            rounds = self._rounds(eye, index, maps, batch)
+            if reflections is not None:
+                with stopwatch.stage("light reflections"):
+                    self._light_hits(reflections, index, rounds)
+                yield None
+            if not self.has_pass:
+                continue
             with stopwatch.stage("resolve"):
-                rounds = self._rounds(eye, index, maps, batch)
                 if turns is None:
                     turns = FaceTurns(self.masks, np.array([self._tile_faces(look_up) for look_up in rounds]))
                 for part, look_up in enumerate(rounds):
                     self._reopen_changed(batch, eye, turns, index, part, look_up)
                     self._resolve(part, turns.of(index, part), look_up)
             yield None
-        if not self.faces:
+        if self.has_pass and not self.faces:
             # nothing visible is reached; surfaces still have to be told from the background
             with stopwatch.stage("resolve"):
                 nothing = {"map_face": 0, "face_mask": 0, "depth_maps": self.store.maps(1).texture}
@@ -256,11 +271,26 @@ class LightWork(Shared):
                 only_turn = np.full(self.accumulator.looked_up.shape, FIRST_FACE | LAST_FACE)
                 for part in range(len(eye.buffers)):
                     self._resolve(part, only_turn, {**self._round(eye, part, 0), **empty, **nothing})
-        if self._may_settle(batch):
+        if self.has_pass and self._may_settle(batch):
             with stopwatch.stage("resolve"):
                 self.accumulator.settle(*eye.buffers[-1])
         self._update_statistics()
         self.batches_done, self.is_between_batches = batch + 1, True
+
+    def _light_hits(self, reflections: ReflectionWork, index: int, rounds: list[dict[str, Any]]) -> None:
+        """Look what reflectors show up in the maps of a face."""
+        is_last = index == len(self.mapped) - 1
+        tiles = reflections.lit_tiles(FIRST_FACE if index == 0 else 0)
+        for hits in reflections.all_hits:
+            look_up = {**rounds[hits.part], **hits.buffer._asdict(), "batch_sums": hits.sums}
+            tiles.dispatch(self._kernel(), **self._bound(look_up))
+            if is_last:
+                reflections.add_light(hits, self._irradiance_of_sum(rounds[hits.part]["view_count"]))
+
+    def _irradiance_of_sum(self, view_count: int) -> tuple[float, float, float]:
+        red, green, blue = self.light.strength_rgb or 3 * (self.light.strength,)
+        scale = 1 / (view_count * self.reference_m**2)
+        return red * scale, green * scale, blue * scale
 
     def _may_settle(self, batch: int) -> bool:
         """Once, as soon as enough is known, and not when no batch is left to gain from it."""

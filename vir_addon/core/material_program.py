@@ -78,15 +78,18 @@ class Program:
     """(texel_count, 4) float32 instructions, empty where all inputs are constant"""
 
 
-def layers_of(expression: MaterialInput) -> set[Layer]:
-    found: set[Layer] = set()
-    for part in _parts(expression):
-        if isinstance(part, ImageSample | CornerValue):
-            found.add(part.layer)
-    return found
+def material_layers(material: Material) -> set[Layer]:
+    """The layers that a mesh must have for a material."""
+    parts = [part for read in MATERIAL_INPUTS.values() for part in _parts(read(material))]
+    found = {part.layer for part in parts if isinstance(part, ImageSample | CornerValue)}
+    return found | ({material.normal_map.layer} if material.normal_map else set())
 
 
-def images_of(expression: MaterialInput) -> list[ImageTexels]:
+def material_images(material: Material) -> list[ImageTexels]:
+    return list(dict.fromkeys(image for read in MATERIAL_INPUTS.values() for image in sampled_images(read(material))))
+
+
+def sampled_images(expression: MaterialInput) -> list[ImageTexels]:
     return list(dict.fromkeys(part.image for part in _parts(expression) if isinstance(part, ImageSample)))
 
 
@@ -228,6 +231,30 @@ def evaluate_operation(operation: Operation, *operands: np.ndarray) -> np.ndarra
     """(..., 3) float64 operands -> (..., 3)"""
     with np.errstate(all="ignore"):
         return _OPERATIONS[operation](*operands)
+
+
+def evaluate_on_texels(expression: MaterialInput, image: ImageTexels) -> np.ndarray:
+    """(height, width, 3) float32: what the expression, which samples that image alone, makes of each of its texels."""
+    texels = image.texels.astype(np.float64) / (255.0 if image.texels.dtype == np.uint8 else 1.0)
+    colors = texels[..., :3] if texels.shape[2] > 1 else np.repeat(texels, 3, axis=2)
+    if image.is_srgb:
+        colors = np.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)
+    values: dict[MaterialInput, np.ndarray] = {}
+    for part in _parts(expression):
+        operands = [values[operand] for operand in _operands(part)]
+        match part:
+            case Constant(value):
+                values[part] = np.array(value)
+            case ImageSample():
+                values[part] = colors
+            case TableLookup(table=table):
+                places = np.linspace(0.0, 1.0, table.texels.shape[1])
+                values[part] = np.stack([np.interp(operands[0][..., k], places, table.texels[0, :, k]) for k in range(3)], axis=-1)
+            case Combination(operation):
+                values[part] = evaluate_operation(operation, *operands)
+            case CornerValue():
+                raise ValueError("an image has no corners")
+    return np.broadcast_to(values[expression], colors.shape).astype(np.float32)
 
 
 def _channel(index: int) -> Callable[[np.ndarray], np.ndarray]:

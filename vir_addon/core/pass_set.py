@@ -8,11 +8,25 @@ from dataclasses import dataclass, field
 import numpy as np
 
 COMBINED_PASS_NAME = "VIR Shadow"
+REFLECTION_PASS_NAME = "VIR Reflection"
+REFLECTION_COLOR_PASS_NAME = "VIR Reflection Color"
 
 PASS_NAME_BYTES_MAX = 63
 """UTF-8 bytes that Blender keeps of a render pass's, a socket's and (4.5) an image's name; light names of 5.x may be longer"""
 
-STAGES = ("extract", "upload", "eye G-buffer", "points", "splat or raster", "resolve", "read-back", "write")
+STAGES = (
+    "extract",
+    "upload",
+    "eye G-buffer",
+    "reflection maps",
+    "reflect",
+    "points",
+    "splat or raster",
+    "resolve",
+    "light reflections",
+    "read-back",
+    "write",
+)
 """the stages that statistics list, in the order in which they run"""
 
 
@@ -106,6 +120,28 @@ class PassStatistics:
 
 
 @dataclass
+class ReflectionStatistics:
+    """How the reflection passes were made."""
+
+    bounces: int = 0
+    map_count: int = 0
+    map_texel_count: int = 0
+    """of all levels"""
+    reflectors: dict[str, str] = field(default_factory=dict)
+    """name -> how it is drawn and why, or why not"""
+    ray_count: int = 0
+    """rays of an eye sample's first bounce"""
+    found_share: float = 0.0
+    """of these, those that met a surface of the map"""
+    by_direction_share: float = 0.0
+    """those whose surface was hidden from the map's centre: they show what lies in their direction"""
+    left_share: float = 0.0
+    """those that left the scene and show the world"""
+    error_estimate: float = 0.0
+    """RMS over pixels of reflectors of the standard error of what reflections add to the picture, luminance"""
+
+
+@dataclass
 class SetStatistics:
     device: str = ""
     object_count: int = 0
@@ -116,6 +152,7 @@ class SetStatistics:
     stage_ms: dict[str, float] = field(default_factory=dict)
     """stages shared by all passes"""
     passes: list[PassStatistics] = field(default_factory=list)
+    reflections: ReflectionStatistics | None = None
     left_out: list[str] = field(default_factory=list)
     """one sentence an object: what is missing from the picture and why"""
     notes: list[str] = field(default_factory=list)
@@ -126,5 +163,5 @@ class PassSet:
     """Named images. Row 0 is the bottom row."""
 
     images: dict[str, np.ndarray]
-    """pass name -> (height, width) float32, linear, 0 fully shadowed .. 1 lit"""
+    """pass name -> (height, width) float32, linear, 0 fully shadowed .. 1 lit; reflections (height, width, 3), linear RGB"""
     statistics: SetStatistics

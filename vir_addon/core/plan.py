@@ -14,10 +14,13 @@ from .errors import SceneError, UsageError
 from .fit import choose_faces, light_casters, lit_places, may_shadow
 from .pass_set import unique_pass_names
 from .passes.shadow_maps import MAX_BATCH_VIEWS
+from .reflectors import PlannedReflections, choose_reflectors
 from .scene import Camera, Light, LightShape, SceneSnapshot
-from .settings import Hardware, Method, PointGeneration, PointStorage, Settings
+from .settings import Effect, Hardware, Method, PointGeneration, PointStorage, Settings
 from .views import light_axes
 
+DEFAULT_BOUNCES = 2
+"""where a scene has reflectors that may show in each other"""
 MIN_EYE_SAMPLES = 8
 MAX_EYE_SAMPLES = 16
 """Anti-aliasing gains little from more: with 16 samples of the filter an edge pixel is off by about a fiftieth."""
@@ -30,7 +33,9 @@ MIN_EYE_SAMPLE_VIEWS = 4
 """so many at least are spread over the whole light"""
 
 LATTICE_STEPS = 6
+"""to a box, or as many as MAX_LATTICE_PLACES leaves it where there are many"""
 MAX_LATTICE_BOXES = 1024
+MAX_LATTICE_PLACES = 1 << 15
 """what is enough to tell which faces of a cube will be needed"""
 
 
@@ -66,6 +71,7 @@ class RenderPlan:
     bounds: SceneBounds = field(repr=False, compare=False)
     """of the snapshot that was planned"""
     passes: tuple[PlannedPass, ...]
+    """shadow passes"""
     batch_count: int
     """steps after which a valid picture exists; each renders its share of every light's views"""
     eye_samples_per_batch: int
@@ -75,6 +81,10 @@ class RenderPlan:
     notes: tuple[str, ...] = ()
     """what the user should know, the snapshot's notes included"""
     predicted_ms: float = 0.0
+    reflections: PlannedReflections | None = None
+    """None: not asked for"""
+    reflected_lights: tuple[PlannedPass, ...] = ()
+    """what lights surfaces that are seen in reflectors, shadows of all of the scene included; none where nothing reflects"""
 
     def has_same_steps(self, other: RenderPlan) -> bool:
         """Whether passes of both are made in the same batches, and with the same settings."""
@@ -95,14 +105,26 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     names = unique_pass_names([light.name for light in snapshot.lights])
     bounds = compute_bounds(snapshot)
     in_picture = snapshot.instances.visible_to_camera & _may_be_in_picture(snapshot.camera, bounds.corners_ws)
-    places_ws = _visible_places(snapshot.camera, bounds.corners_ws[in_picture])
-    passes = tuple(_plan_light(snapshot, light, names[light.name], settings, bounds, in_picture, places_ws) for light in lights)
-    running = [planned for planned in passes if planned.runs]
-    most_views = max((planned.view_count for planned in running), default=0)
-    batch_count = _batch_count(most_views, settings.map_resolution_px) if running else 1
+    passes: tuple[PlannedPass, ...] = ()
+    if Effect.SHADOW in settings.effects:
+        places_ws = _visible_places(snapshot.camera, bounds.corners_ws[in_picture])
+        passes = tuple(_plan_light(snapshot, light, names[light.name], settings, bounds, in_picture, places_ws) for light in lights)
+    reflections: PlannedReflections | None = None
+    reflected_lights: tuple[PlannedPass, ...] = ()
+    if Effect.REFLECTION in settings.effects:
+        reflections = _plan_reflections(snapshot, settings, bounds, in_picture)
+        if reflections.runs:
+            planned_lights = (_plan_reflected_light(snapshot, light, names[light.name], settings, bounds) for light in lights)
+            reflected_lights = tuple(planned for planned in planned_lights if planned is not None)
+    running = [*(planned for planned in passes if planned.runs), *reflected_lights]
+    needs_rounds = reflections is not None and reflections.runs
+    most_views = max((planned.view_count for planned in running), default=int(needs_rounds))
+    batch_count = _batch_count(most_views, settings.map_resolution_px, settings.batch_view_count) if most_views else 1
     eye_samples_per_batch = _eye_samples_per_batch(most_views, batch_count)
     eye_sample_count = min(batch_count * eye_samples_per_batch, MAX_EYE_SAMPLES)
+    predicted = {planned.light_name: planned.predicted_ms for planned in running}
     eye_ms = cost.eye_ms(snapshot, settings, eye_sample_count)
+    reflections_ms = reflections.predicted_ms if reflections is not None else 0.0
     return RenderPlan(
         settings=settings,
         bounds=bounds,
@@ -111,7 +133,41 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
         eye_samples_per_batch=eye_samples_per_batch,
         eye_sample_count=eye_sample_count,
         notes=snapshot.notes,
-        predicted_ms=sum(planned.predicted_ms for planned in running) + eye_ms,
+        predicted_ms=sum(predicted.values()) + eye_ms + reflections_ms,
+        reflections=reflections,
+        reflected_lights=reflected_lights,
+    )
+
+
+def _plan_reflections(snapshot: SceneSnapshot, settings: Settings, bounds: SceneBounds, in_picture: np.ndarray) -> PlannedReflections:
+    bounces = settings.bounces or DEFAULT_BOUNCES
+    reflectors = tuple(choose_reflectors(snapshot, bounds, settings, in_picture, bounces))
+    if settings.bounces is None and sum(reflector.runs for reflector in reflectors) < 2:
+        # nothing to see itself in
+        bounces = 1
+        reflectors = tuple(choose_reflectors(snapshot, bounds, settings, in_picture, bounces))
+    planned = PlannedReflections(reflectors, bounces)
+    return replace(planned, predicted_ms=cost.reflections_ms(snapshot, settings, planned, MAX_EYE_SAMPLES)) if planned.runs else planned
+
+
+def _plan_reflected_light(
+    snapshot: SceneSnapshot, light: Light, pass_name: str, settings: Settings, bounds: SceneBounds
+) -> PlannedPass | None:
+    """How a light reaches what reflectors show, which may be anywhere. None when it lights nothing at all."""
+    if light.strength == 0 or not math.isfinite(light.strength):
+        return None
+    everything = np.ones(len(snapshot.instances), bool)
+    if light.casts_shadow and len(light_casters(snapshot, light)):
+        planned = _plan_light(snapshot, light, pass_name, settings, bounds, everything, bounds.corners_ws.reshape(-1, 3))
+        return planned if planned.runs else None
+    return PlannedPass(
+        light.name,
+        pass_name,
+        runs=True,
+        reason="lights reflected surfaces without shadows",
+        view_count=settings.view_count if light.has_size else 1,
+        map_resolution_px=settings.map_resolution_px,
+        needs_maps=False,
     )
 
 
@@ -122,23 +178,27 @@ def settings_for(device: Device, settings: Settings) -> Settings:
 
 def check_device(render_plan: RenderPlan, device: Device) -> None:
     """UsageError when the device lacks what a planned method needs; to be asked before any work is done."""
-    if not device.stores_from_fragments and any(planned.runs and planned.method is Method.VWSS for planned in render_plan.passes):
+    running = [*(planned for planned in render_plan.passes if planned.runs), *render_plan.reflected_lights]
+    if not device.stores_from_fragments and any(planned.method is Method.VWSS for planned in running):
         raise UsageError(
             f"vwss stores what the rasterizer makes, which the device {device.name} cannot: use --device moderngl, or --method ivir"
         )
-    if not device.stores_from_geometry and any(
-        planned.runs and planned.point_generation is PointGeneration.RASTERIZER for planned in render_plan.passes
-    ):
+    if not device.stores_from_geometry and any(planned.point_generation is PointGeneration.RASTERIZER for planned in running):
         raise UsageError(
             f"points by the rasterizer need geometry shaders that store, and the device {device.name} has none: "
             "use --device moderngl, or --point-generation compute"
         )
-    most_views = max((planned.view_count for planned in render_plan.passes if planned.runs), default=0)
+    most_views = max((planned.view_count for planned in running), default=0)
     resolution_px, limit_px = render_plan.settings.map_resolution_px, device.max_texture_size_px
     height_px = resolution_px * math.ceil(most_views / render_plan.batch_count)
     if height_px > limit_px:
         # smaller maps come in larger batches
-        fitting_px = next(px for px in range(resolution_px, 0, -1) if px * math.ceil(most_views / _batch_count(most_views, px)) <= limit_px)
+        batch_view_count = render_plan.settings.batch_view_count
+        fitting_px = next(
+            px
+            for px in range(resolution_px, 0, -1)
+            if px * math.ceil(most_views / _batch_count(most_views, px, batch_view_count)) <= limit_px
+        )
         raise UsageError(
             f"a batch of maps of {resolution_px} px is {height_px} px high, and the device's largest texture {limit_px} px: "
             f"use --map-resolution {fitting_px} or less"
@@ -151,10 +211,10 @@ def _eye_samples_per_batch(most_views: int, batch_count: int) -> int:
     return max(min(math.ceil(MAX_EYE_SAMPLES / batch_count), views // MIN_EYE_SAMPLE_VIEWS), 1)
 
 
-def _batch_count(most_views: int, map_resolution_px: int) -> int:
+def _batch_count(most_views: int, map_resolution_px: int, batch_view_count: int) -> int:
     """Eight maps of 1024^2 and 2048^2 a batch; larger maps in smaller batches, so that a batch stays below 128 MiB of depth. Where so
     few batches have too few eye samples, more and smaller ones."""
-    per_batch = max(1, min(MAX_BATCH_VIEWS, MAX_BATCH_VIEWS * 2048**2 // map_resolution_px**2))
+    per_batch = max(1, min(MAX_BATCH_VIEWS, batch_view_count, MAX_BATCH_VIEWS * 2048**2 // map_resolution_px**2))
     batch_count = math.ceil(most_views / per_batch)
     has_enough = batch_count * _eye_samples_per_batch(most_views, batch_count) >= MIN_EYE_SAMPLES
     return batch_count if has_enough else MIN_EYE_SAMPLES
@@ -169,7 +229,7 @@ def _chosen_lights(snapshot: SceneSnapshot, settings: Settings) -> list[Light]:
         lights = [light for light in snapshot.lights if light.name in settings.light_names]
     else:
         lights = list(snapshot.lights)
-    if not lights:
+    if not lights and Effect.SHADOW in settings.effects:
         raise SceneError(f"scene {snapshot.scene_name!r} has no light that is rendered; add a light or enable one for rendering")
     return lights
 
@@ -210,7 +270,7 @@ def _plan_light(
             predicted_ms=cost.resolve_ms(snapshot, settings, sample_count),
         )
     face_count = _likely_face_count(light, places_ws)
-    batch_count = _batch_count(view_count, settings.map_resolution_px)
+    batch_count = _batch_count(view_count, settings.map_resolution_px, settings.batch_view_count)
     # where there are fewer views than batches each batch shows one again
     map_count = 1 if is_filtered else max(view_count, batch_count)
     estimates = cost.estimate_methods(snapshot, light, map_count, settings, bounds, face_count, batch_count)
@@ -285,7 +345,8 @@ def _visible_places(camera: Camera, boxes: np.ndarray) -> np.ndarray:
     """(n, 3) places in boxes, (m, 8, 3) world space, on a coarse lattice, as far as they are in the camera's view."""
     largest = np.argsort(-np.ptp(boxes, axis=1).max(axis=1), kind="stable")
     boxes = boxes[largest[:MAX_LATTICE_BOXES]]
-    u = np.linspace(0, 1, LATTICE_STEPS)
+    steps = min(max(int((MAX_LATTICE_PLACES / max(len(boxes), 1)) ** (1 / 3)), 2), LATTICE_STEPS)
+    u = np.linspace(0, 1, steps)
     lattice = np.stack(np.meshgrid(u, u, u, indexing="ij"), axis=-1).reshape(-1, 1, 3)
     # corner i of a box lies at bit k of i along axis k (core/bounds.py)
     edges = boxes[:, [1, 2, 4]] - boxes[:, :1]

@@ -27,7 +27,7 @@ BACKGROUND = 24
 
 
 def encode_srgb(image: np.ndarray) -> np.ndarray:
-    """(height, width) linear float -> (height, width) uint8 with the sRGB curve; clipped to 0..1, not-a-number becomes 0."""
+    """Linear float -> uint8 of the same shape with the sRGB curve; clipped to 0..1, not-a-number becomes 0."""
     linear = np.clip(np.nan_to_num(image.astype(np.float32), nan=0.0), 0.0, 1.0)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1.0 / 2.4) - 0.055)
     return np.round(encoded * 255.0).astype(np.uint8)
@@ -57,20 +57,24 @@ def contact_sheet(passes: PassSet, label_font: Path | None = None) -> Image.Imag
     from PIL import ImageDraw
 
     made = {statistics.pass_name: statistics for statistics in passes.statistics.passes}
-    height, width = next(iter(passes.images.values())).shape
+    height, width = next(iter(passes.images.values())).shape[:2]
     column_count = math.ceil(math.sqrt(len(passes.images)))
     row_count = math.ceil(len(passes.images) / column_count)
     cell_width = max(1, min(width, (SHEET_WIDTH_PX - MARGIN_PX) // column_count - MARGIN_PX))
     cell_height = max(1, round(height * cell_width / width))
     column_px, row_px = cell_width + MARGIN_PX, cell_height + LABEL_HEIGHT_PX + MARGIN_PX
-    sheet = pillow.new("L", (MARGIN_PX + column_count * column_px, MARGIN_PX + row_count * row_px), BACKGROUND)
+    size = (MARGIN_PX + column_count * column_px, MARGIN_PX + row_count * row_px)
+    has_colors = any(image.ndim == 3 for image in passes.images.values())
+    sheet = pillow.new("RGB", size, 3 * (BACKGROUND,)) if has_colors else pillow.new("L", size, BACKGROUND)
     draw, font = ImageDraw.Draw(sheet), _font(label_font)
     for index, (pass_name, image) in enumerate(passes.images.items()):
         x, y = MARGIN_PX + (index % column_count) * column_px, MARGIN_PX + (index // column_count) * row_px
         sheet.paste(_picture(image, (cell_width, cell_height)), (x, y))
         for line, text in enumerate((pass_name, _summary(made.get(pass_name)))):
             shown = _shorten(text, lambda text: draw.textlength(text, font=font) <= cell_width)
-            draw.text((x, y + cell_height + 2 + 16 * line), shown, fill=230 - 80 * line, font=font)
+            draw.text(
+                (x, y + cell_height + 2 + 16 * line), shown, fill=(3 * (230 - 80 * line,) if has_colors else 230 - 80 * line), font=font
+            )
     return sheet
 
 
@@ -90,11 +94,13 @@ def _font(path: Path | None) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
 
 
 def _picture(image: np.ndarray, size_px: tuple[int, int] | None = None) -> Image.Image:
-    """A pass, (height, width) with row 0 at the bottom, as an 8-bit picture; made smaller while it is still linear."""
+    """A pass, (height, width) or (height, width, 3) with row 0 at the bottom, as an 8-bit picture; shrunk while it is still linear."""
     pillow = _pillow()
     top_down = np.ascontiguousarray(image[::-1], dtype=np.float32)
     if size_px is not None and size_px != (image.shape[1], image.shape[0]):
-        top_down = np.asarray(pillow.fromarray(top_down).resize(size_px, pillow.Resampling.BOX))
+        planes = [top_down] if top_down.ndim == 2 else np.moveaxis(top_down, -1, 0)
+        smaller = [np.asarray(pillow.fromarray(np.ascontiguousarray(plane)).resize(size_px, pillow.Resampling.BOX)) for plane in planes]
+        top_down = smaller[0] if top_down.ndim == 2 else np.stack(smaller, axis=-1)
     return pillow.fromarray(encode_srgb(top_down))
 
 

@@ -2,8 +2,9 @@
 
     for every batch
         eye G-buffers at the next sub-pixel offsets, each for a share of the views
+        rays that reflectors of the picture send on, and the surfaces that they meet
         for every light
-            clear and fill the maps of the batch's views, face by face; look every pixel up; add to the running sums
+            clear and fill the maps of the batch's views, face by face; look every pixel up, and what rays met; add to the running sums
 
 Lights take turns inside a batch, so that all passes are equally far at every step.
 """
@@ -17,14 +18,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..device.interface import Device
+from ..device.interface import Device, Texture
 from ..device.owned import Owned
 from .light_work import LightWork, MapStore
-from .pass_set import COMBINED_PASS_NAME, PassSet, PassStatistics, SetStatistics
+from .pass_set import COMBINED_PASS_NAME, REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, PassSet, PassStatistics, SetStatistics
 from .passes.accumulate import pass_image
 from .passes.eye import EyePass
 from .passes.scene_data import SceneData
-from .plan import RenderPlan, check_device
+from .plan import PlannedPass, RenderPlan, check_device
+from .reflection_work import ReflectionWork
+from .reflectors import PlannedReflections
 from .sampling import pixel_offsets
 from .scene import Light, SceneSnapshot, has_same_meshes, has_same_picture, is_same_light
 from .steps import Steps, run_steps
@@ -51,8 +54,8 @@ class Progress:
 
     @property
     def passes(self) -> dict[str, np.ndarray]:
-        """pass name -> (height, width) float32, row 0 at the bottom. Read back from the device when asked for, so ask before
-        the next step; the last step can be asked after the generator has ended or been closed as well."""
+        """pass name -> float32, (height, width) or of reflections (height, width, 3), row 0 at the bottom. Read back from the device
+        when asked for, so ask before the next step; the last step can be asked after the generator has ended or been closed as well."""
         return self._renderer.read_passes() if self._kept is None else self._kept
 
     def keep(self) -> None:
@@ -113,7 +116,8 @@ class Renderer:
         for. Close it afterwards."""
         self.snapshot, self.plan, self.device = snapshot, plan, device
         self.stopwatch = Stopwatch(device, on_stage)
-        self.views_total = sum(planned.view_count for planned in plan.passes if planned.runs)
+        self.reflects = plan.reflections is not None and plan.reflections.runs
+        self.views_total = sum(planned.view_count for planned in self._planned_lights().values()) or plan.batch_count * self.reflects
         self.offsets_px = pixel_offsets(snapshot.pixel_filter, plan.eye_sample_count)
         self.rounds_total = plan.batch_count * plan.eye_samples_per_batch
         """times that every light looks the picture up"""
@@ -123,6 +127,7 @@ class Renderer:
         self.scene_data: SceneData | None = None
         self.eye: EyePass | None = None
         self.store: MapStore | None = None
+        self.reflections: ReflectionWork | None = None
         self._owned = Owned()
         self._current_offsets: list[int] = []
         self._eye_is_settled = False
@@ -147,6 +152,9 @@ class Renderer:
             self.scene_data = self._owned.own(previous.scene_data.share())
         elif previous.scene_data is not None and has_same_meshes(self.snapshot, previous.snapshot):
             self.scene_data = self._owned.own(SceneData(self.snapshot, self.device, previous.scene_data.geometry))
+        if self.reflects or previous.reflects:
+            # what reflectors show depends on all of the scene, and lights on what they show
+            return
         if not (self.plan.has_same_steps(previous.plan) and self.surface_share_sum.shape == previous.surface_share_sum.shape):
             return
         if previous.store is not None:
@@ -158,10 +166,15 @@ class Renderer:
             works = [work for work in previous.works if work.is_between_batches and work.planned in self.plan.passes]
             self.works = [self._owned.own(work.share()) for work in works if is_same_light(work.light, lights[work.planned.light_name])]
 
+    def _planned_lights(self) -> dict[str, PlannedPass]:
+        """Light name -> how its maps are made: as what reflectors show needs them, where they show anything."""
+        in_picture = {planned.light_name: planned for planned in self.plan.passes if planned.runs}
+        return in_picture | {planned.light_name: planned for planned in self.plan.reflected_lights}
+
     @property
     def needs_eye(self) -> bool:
         """Constant passes of value 1 are the same on surfaces and background."""
-        return any(planned.runs or planned.surface_value != 1 for planned in self.plan.passes)
+        return self.reflects or any(planned.runs or planned.surface_value != 1 for planned in self.plan.passes)
 
     def prepare(self) -> None:
         run_steps(self.preparing())
@@ -179,7 +192,8 @@ class Renderer:
             yield None
         with self.stopwatch.stage("upload"):
             if self.eye is None:
-                self.eye = self._owned.own(EyePass(self.scene_data, self.plan.bounds, self.offsets_px, self.plan.eye_samples_per_batch))
+                samples_per_batch = self.plan.eye_samples_per_batch
+                self.eye = self._owned.own(EyePass(self.scene_data, self.plan.bounds, self.offsets_px, samples_per_batch, self.reflects))
             if self.store is None:
                 self.store = self._owned.own(MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, self.plan))
         yield None
@@ -188,26 +202,56 @@ class Renderer:
     def _preparing_works(self, scene_data: SceneData, eye: EyePass, store: MapStore) -> Steps:
         shared = {work.planned.light_name: work for work in self.works}
         self.works = []
-        new = [planned for planned in self.plan.passes if planned.runs and planned.light_name not in shared]
+        planned_lights = list(self._planned_lights().values())
+        new = [planned for planned in planned_lights if planned.light_name not in shared]
         if new or not shared:
             self._render_eye(eye, 0)
             yield None
-        if new:
+        if new or self.reflects:
             with self.stopwatch.stage("read-back"):
                 positions, normals = (self.device.read(texture) for texture in eye.buffers[0])
+        if self.plan.reflections is not None and self.plan.reflections.runs:
+            positions, normals = yield from self._preparing_reflections(self.plan.reflections, scene_data, eye, positions, normals)
         lights = {light.name: light for light in self.snapshot.lights}
-        for planned in self.plan.passes:
-            if not planned.runs:
-                continue
+        has_pass = {planned.light_name for planned in self.plan.passes if planned.runs}
+        for planned in planned_lights:
             work = shared.get(planned.light_name)
             if work is None:
-                work = self._owned.own(LightWork(planned, lights[planned.light_name], self.plan, scene_data, store))
-                with self.stopwatch.billed_to(work.statistics):
+                light = lights[planned.light_name]
+                work = self._owned.own(LightWork(planned, light, self.plan, scene_data, store, planned.light_name in has_pass))
+                with self._billed_to(work):
                     yield from work.fitting(positions, normals, self.stopwatch)
                 yield None
             self.works.append(work)
-            self.statistics.passes.append(work.statistics)
+            if work.has_pass:
+                self.statistics.passes.append(work.statistics)
         self.statistics.passes.sort(key=lambda statistics: statistics.light_name)
+
+    def _preparing_reflections(
+        self, planned: PlannedReflections, scene_data: SceneData, eye: EyePass, positions: np.ndarray, normals: np.ndarray
+    ) -> Generator[None, None, tuple[np.ndarray, np.ndarray]]:
+        """Returns positions and normals of what lights are to be fitted to: what is in the picture of passes, and what reflectors show."""
+        with self.stopwatch.stage("upload"):
+            reflections = self.reflections = self._owned.own(ReflectionWork(planned, self.plan, scene_data, eye))
+            self.statistics.reflections = reflections.statistics
+        reflections.find_tiles(positions[..., 3])
+        yield None
+        reflections.draw_maps(self.stopwatch)
+        yield None
+        reflections.trace(self._current_offsets, 0, self.stopwatch)
+        has_passes = any(planned.runs for planned in self.plan.passes)
+        all_positions, all_normals = [positions] * has_passes, [normals] * has_passes
+        with self.stopwatch.stage("read-back"):
+            reflections.count_found()
+            for hits in reflections.hits[0]:
+                all_positions.append(self.device.read(hits.buffer.positions))
+                all_normals.append(self.device.read(hits.buffer.normals))
+        yield None
+        return np.concatenate(all_positions), np.concatenate(all_normals)
+
+    def _billed_to(self, work: LightWork) -> contextlib.AbstractContextManager[None]:
+        """What lights only reflections has no pass of its own."""
+        return self.stopwatch.billed_to(work.statistics) if work.has_pass else contextlib.nullcontext()
 
     def _render_eye(self, eye: EyePass, batch: int) -> None:
         first = batch * self.plan.eye_samples_per_batch
@@ -227,21 +271,46 @@ class Renderer:
         if self.eye is None or (self.works and not due):
             return
         self._render_eye(self.eye, batch)
-        if not self.works:
+        if self.reflections is not None and batch > 0:
+            self.reflections.trace(self._current_offsets, batch, self.stopwatch)
+        if not any(work.has_pass for work in self.works):
             # only for passes that are constant on surfaces, which still have to be told from the background
             self.surface_share_sum += self.device.read(self.eye.buffers[0].positions)[..., 3] >= 0
         for work in due:
             yield None
-            with self.stopwatch.billed_to(work.statistics):
-                yield from work.rendering(batch, self.eye, self.stopwatch)
-        if not self._eye_is_settled and due and all(work.accumulator.settled_round_count for work in due):
-            self.eye.want_only(np.any([work.accumulator.looked_up for work in due], axis=0))
+            with self._billed_to(work):
+                yield from work.rendering(batch, self.eye, self.stopwatch, self.reflections)
+        if self.reflections is not None:
+            self.reflections.end_batch(self.stopwatch)
+        shown = [work for work in due if work.has_pass]
+        if not self._eye_is_settled and shown and all(work.accumulator.settled_round_count for work in shown):
+            wanted = [work.accumulator.looked_up for work in shown]
+            if self.reflections is not None:
+                wanted.append(self.reflections.tiles_shown)
+            self.eye.want_only(np.any(wanted, axis=0))
             self._eye_is_settled = True
 
     def update_errors(self) -> float:
-        for work in self.works:
+        shown = [work for work in self.works if work.has_pass]
+        for work in shown:
             work.statistics.error_estimate = work.accumulator.compute_error()
-        return max((work.statistics.error_estimate for work in self.works), default=0.0)
+        errors = [work.statistics.error_estimate for work in shown]
+        if self.reflections is not None:
+            self.reflections.statistics.error_estimate = self.reflections.compute_error()
+            errors.append(self.reflections.statistics.error_estimate)
+        return max(errors, default=0.0)
+
+    def draw_passes(self, picture: Texture, light_name: str | None) -> bool:
+        """Without reading anything back: the combined pass, or one light's, into a texture of the picture's size, as of `COMBINE_PASSES`.
+        False if there is nothing to draw: no light, or not this one, has its pass made."""
+        shown = [work for work in self.works if work.has_pass and light_name in (None, work.light.name)]
+        for number, work in enumerate(shown):
+            weight = self._combined_weight(work) if light_name is None else 1.0
+            work.accumulator.add_to(picture, weight, is_first=number == 0)
+        return bool(shown)
+
+    def _combined_weight(self, work: LightWork) -> float:
+        return combined_weight(work.light, work.planned.view_count, self.rounds_total, work.reference_m)
 
     def read_passes(self) -> dict[str, np.ndarray]:
         return self.device.run(self._read_passes)
@@ -253,20 +322,26 @@ class Renderer:
         surface_share = self.surface_share_sum / max(self.batches_done, 1)
         with self.stopwatch.stage("read-back"):
             for work in self.works:
+                if not work.has_pass:
+                    continue
                 shadowed, delivered, received_share = work.accumulator.read()
                 # a light's receivers need not be all surfaces
                 surface_share = np.maximum(surface_share, received_share)
                 images[work.planned.pass_name] = pass_image(shadowed, delivered, received_share)
-                weight = combined_weight(work.light, work.planned.view_count, self.rounds_total, work.reference_m)
+                weight = self._combined_weight(work)
                 combined[0] += weight * shadowed
                 combined[1] += weight * delivered
         for planned in self.plan.passes:
             if not planned.runs:
                 images[planned.pass_name] = (1 - surface_share * (1 - planned.surface_value)).astype(np.float32)
-        if self.works:
+        if any(work.has_pass for work in self.works):
             images[COMBINED_PASS_NAME] = pass_image(combined[0], combined[1], surface_share)
-        else:
+        elif self.plan.passes:
             images[COMBINED_PASS_NAME] = np.ones(shape, np.float32)
+        if self.reflections is not None:
+            images |= self.reflections.read()
+        elif self.plan.reflections is not None:
+            images |= {name: np.zeros((*shape, 3), np.float32) for name in (REFLECTION_PASS_NAME, REFLECTION_COLOR_PASS_NAME)}
         return dict(sorted(images.items()))
 
     def close(self) -> None:

@@ -104,6 +104,8 @@ class Instances:
     """(instance_count,) bool: `visible_shadow` of the object"""
     stable_id: np.ndarray
     """(instance_count,) uint32 made from names and persistent ids; does not change when other objects come or go"""
+    visible_in_reflections: np.ndarray | None = None
+    """(instance_count,) bool: `visible_glossy` of the object; None: a snapshot without materials"""
     material_set: np.ndarray | None = None
     """(instance_count,) int32 into `SceneSnapshot.material_sets`; None: a snapshot without materials"""
     reflector_mark: np.ndarray | None = None

@@ -10,6 +10,9 @@ from .errors import UsageError
 MAX_TAPS = 128
 """of pcss, for each of its two searches: a table of all taps is 4 KiB"""
 
+MAX_BOUNCES = 8
+"""each keeps a G-buffer of what it met"""
+
 
 class Method(enum.Enum):
     AUTO = "auto"
@@ -45,6 +48,18 @@ class Method(enum.Enum):
         return ("POINT_MAPS",) if self.shrinks_cut_outs else ()
 
 
+class Effect(enum.Enum):
+    SHADOW = "shadow"
+    REFLECTION = "reflection"
+
+
+class ReflectionLookUp(enum.Enum):
+    MARCH = "march"
+    """Rays are followed through the depths of a reflector's map."""
+    DIRECTION = "direction"
+    """Maps are looked up as if all were infinitely far away, as published."""
+
+
 class PointStorage(enum.Enum):
     BUFFERED = "buffered"
     BUFFERLESS = "bufferless"
@@ -72,6 +87,7 @@ class Hardware(enum.Enum):
 
 @dataclass(frozen=True)
 class Settings:
+    effects: tuple[Effect, ...] = (Effect.SHADOW,)
     method: Method = Method.AUTO
     points: PointStorage = PointStorage.BUFFERED
     """of ivir, hybrid, vwss and epr; with AUTO it counts for lights that ivir is chosen for"""
@@ -80,6 +96,8 @@ class Settings:
     view_count: int = 64
     """light samples of a light with size; lights without size get one"""
     map_resolution_px: int = 1024
+    batch_view_count: int = 8
+    """most views of a light in a batch, which never has more than 8: fewer make its steps shorter, and the whole longer"""
     light_names: tuple[str, ...] | None = None
     """None: every light that the scene shows"""
     soft_shadows: bool = True
@@ -109,12 +127,20 @@ class Settings:
     replay_buffer_mib: int = 256
     """memory for what views replay (points, small triangles, maps of pcss) of all lights; what does not fit is processed in portions,
     or made again when its turn comes"""
+    bounces: int | None = None
+    """how often light is followed from reflector to reflector; None: as often as the scene calls for, at most twice"""
+    reflection_look_up: ReflectionLookUp = ReflectionLookUp.MARCH
+    reflection_map_mib: int = 256
+    """memory for the maps of all reflectors; where they would take more they get smaller"""
     hardware: Hardware = Hardware.SOFTWARE
     """what will render: front ends ask the device (`core.plan.settings_for`)"""
 
     def __post_init__(self) -> None:
+        self._check_effects()
         if not 1 <= self.view_count <= 4096:
             raise UsageError(f"views must be 1 to 4096, not {self.view_count}")
+        if self.batch_view_count < 1:
+            raise UsageError(f"a batch has at least one view, not {self.batch_view_count}")
         if not 16 <= self.map_resolution_px <= 8192:
             raise UsageError(f"the map resolution must be 16 to 8192, not {self.map_resolution_px}")
         if not 0 <= self.small_triangle_points <= 32:
@@ -139,3 +165,11 @@ class Settings:
             )
         if self.replay_buffer_mib < 1:
             raise UsageError("the replay buffer needs at least 1 MiB")
+
+    def _check_effects(self) -> None:
+        if not self.effects:
+            raise UsageError(f"choose at least one effect: {', '.join(effect.value for effect in Effect)}")
+        if self.bounces is not None and not 1 <= self.bounces <= MAX_BOUNCES:
+            raise UsageError(f"reflections may bounce 1 to {MAX_BOUNCES} times, not {self.bounces}")
+        if self.reflection_map_mib < 1:
+            raise UsageError("the maps of reflectors need at least 1 MiB")

@@ -192,6 +192,11 @@ class Device(abc.ABC):
             self._kernels[key] = self.run(kind, self, declaration, key[1])
         return self._kernels[key]
 
+    @property
+    def kernel_count(self) -> int:
+        """compiled so far"""
+        return len(self._kernels)
+
     @abc.abstractmethod
     def fill(self, texture: Texture, value: int) -> None:
         """Set every texel's every channel of an unsigned texture to `value` (32 bits), or depth to 1 for a depth texture."""

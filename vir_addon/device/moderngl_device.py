@@ -251,6 +251,8 @@ class ModernglDevice(Device):
         # moderngl clears with float colours only, which is undefined for unsigned textures; drawing or writing takes 4 to 7 times longer
         clear = ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_uint))
         self._clear_unsigned = clear(native.load("glClearBufferuiv"))
+        # moderngl keeps Python's lock while it waits, and so Blender's interface from drawing; ctypes lets it go
+        self._wait = ctypes.CFUNCTYPE(None)(native.load("glFinish"))
         flush = ctypes.CFUNCTYPE(None)(native.load("glFlush"))
         # a software rasterizer fills texels of what it was given while it places the next draw's vertices; a GPU gains nothing from it
         self.hand_over: Callable[[], None] = flush if self.is_software else lambda: None
@@ -309,13 +311,14 @@ class ModernglDevice(Device):
         return self.run(self._read, texture)
 
     def _read(self, texture: ModernglTexture) -> np.ndarray:
+        self._wait()
         dtype = np.uint32 if texture.format.is_unsigned else np.float32
         values = np.frombuffer(texture.handle.read(), dtype)
         shape = (texture.height, texture.width, texture.format.channel_count)
         return values.reshape(shape[:2] if shape[2] == 1 else shape)
 
     def finish(self) -> None:
-        self.run(self.context.finish)
+        self.run(self._wait)
 
     def close(self) -> None:
         self.run(self.context.release)

@@ -59,6 +59,21 @@ SETTLE_TILES = ComputeDeclaration(
     defines={"SETTLE_RADIUS_PX": SETTLE_RADIUS_PX, "TILE_PX": TILE_PX, "STATE_MIXED": STATE_MIXED},
 )
 
+COMBINE_PASSES = ComputeDeclaration(
+    name="combine_passes",
+    text="adds a light's pass to a picture that stays on the device",
+    source="combine_passes.comp.glsl",
+    local_size=(8, 8, 1),
+    textures={**SUMS_TEXTURES, "tile_rounds": Sampled("sampler2D", "x: rounds in the sums of every tile")},
+    images={"picture": Stored("RGBA32F", "read_write", "shadowed and delivered light, and the share of eye samples that saw a surface")},
+    constants={
+        **SIZE_CONSTANTS,
+        "weight": Constant("float", "what the light counts"),
+        "is_first": Constant("int", "1: the picture has nothing yet"),
+    },
+    defines={"TILE_PX": TILE_PX},
+)
+
 
 class PassAccumulator:
     """Sums of one light's pass over rounds, each a look-up of the picture at one sub-pixel offset with its share of a batch's views. A pass
@@ -163,9 +178,30 @@ class PassAccumulator:
     def read(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(height, width) float32 each: shadowed, delivered (per round), and the share of eye samples that saw a surface"""
         sums = self.device.read(self.round_sums)
-        tile_rounds = np.where(self.looked_up, max(self.round_count, 1), max(self.settled_round_count, 1))
+        tile_rounds = self._tile_rounds
         rounds = spread_to_pixels(tile_rounds, self.width, self.height).astype(np.float32)
         return sums[..., 0] / rounds, sums[..., 1] / rounds, sums[..., 3] / rounds
+
+    def add_to(self, picture: Texture, weight: float, *, is_first: bool) -> None:
+        """picture: of `COMBINE_PASSES`; `pass_image` says what it means"""
+        texels = np.zeros((*self.tile_states.shape, 4), np.float32)
+        texels[..., 0] = self._tile_rounds
+        with Owned() as temporary:
+            self.device.compute_kernel(COMBINE_PASSES).dispatch_grid(
+                (self.width, self.height),
+                round_sums=self.round_sums,
+                tile_rounds=temporary.own(self.device.upload_texture(texels)),
+                picture=picture,
+                width=self.width,
+                height=self.height,
+                weight=weight,
+                is_first=int(is_first),
+            )
+
+    @property
+    def _tile_rounds(self) -> np.ndarray:
+        """(rows, columns) rounds in the sums of every tile"""
+        return np.where(self.looked_up, max(self.round_count, 1), max(self.settled_round_count, 1))
 
     def release(self) -> None:
         self._owned.close()

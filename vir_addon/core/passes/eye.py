@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -77,6 +78,14 @@ SURFACE = ComputeDeclaration(
     defines={**SCENE_DEFINES, **TILE_DEFINES},
 )
 
+SURFACE_WITH_TRIANGLES = replace(
+    SURFACE,
+    name="surface_with_triangles",
+    text="the same, and where in which triangle that is",
+    images={**SURFACE.images, "surfaces": Stored("RGBA32F", "write", "triangle number, weights of its second and third corner")},
+    defines={**SURFACE.defines, "WITH_TRIANGLES": 1},
+)
+
 
 def clip_from_view(camera: Camera, near_m: float, far_m: float) -> np.ndarray:
     """(4, 4) float64 OpenGL projection of the camera's window."""
@@ -104,8 +113,16 @@ class GBuffer(NamedTuple):
 class EyePass(Shared):
     """Renders G-buffers of the snapshot's camera; `buffers` holds those of the current batch."""
 
-    def __init__(self, scene_data: SceneData, bounds: SceneBounds, offsets_px: np.ndarray, samples_per_batch: int = 1) -> None:
-        """offsets_px: (n, 2) sub-pixel offsets from pixels' centres that `render` chooses among"""
+    def __init__(
+        self,
+        scene_data: SceneData,
+        bounds: SceneBounds,
+        offsets_px: np.ndarray,
+        samples_per_batch: int = 1,
+        with_triangles: bool = False,
+    ) -> None:
+        """offsets_px: (n, 2) sub-pixel offsets from pixels' centres that `render` chooses among
+        with_triangles: also tell which triangles pixels see (`triangles`)"""
         snapshot, device = scene_data.snapshot, scene_data.device
         self.camera, self.size = snapshot.camera, (snapshot.width_px, snapshot.height_px)
         self.scene_data, self.device = scene_data, device
@@ -118,7 +135,8 @@ class EyePass(Shared):
         self._indices: Sequence[int] = ()
         """of the current batch's offsets"""
         self.rasterize = device.raster_kernel(VISIBILITY)
-        self.surface = device.compute_kernel(SURFACE)
+        self.surface_declaration = SURFACE_WITH_TRIANGLES if with_triangles else SURFACE
+        self.surface = device.compute_kernel(self.surface_declaration)
         # an orthographic camera sees from infinitely far away, as far as culling can tell: everything is drawn
         eye_ws = snapshot.camera.world_from_view[None, :3, 3]
         culled = None if snapshot.camera.is_orthographic else cullable_instances(snapshot, bounds, eye_ws)
@@ -131,6 +149,10 @@ class EyePass(Shared):
             self.target = owned.own(device.create_target(self.visibility, self.depth))
             textures = [owned.own(device.create_texture(*self.size, TextureFormat.RGBA32F)) for _ in range(2 * samples_per_batch)]
             self.buffers = [GBuffer(*pair) for pair in zip(textures[0::2], textures[1::2], strict=True)]
+            self.triangles = [
+                owned.own(device.create_texture(*self.size, TextureFormat.RGBA32F)) for _ in range(with_triangles * samples_per_batch)
+            ]
+            """of each of the batch's samples: where in which triangle pixels see something"""
             self.tiles = TileSplit(device, np.ones(grid_shape(*self.size), bool))
             """walked: what some light still looks up"""
             self._owned = owned.pop_all()
@@ -150,16 +172,17 @@ class EyePass(Shared):
         for bindings in self._with_visibility():
             self.tiles.walked.dispatch(self.surface, **bindings)
             if self.tiles.probed.count:
-                self.tiles.probed.dispatch_probes(self.device.compute_kernel(SURFACE, "PROBES"), batch, **bindings)
+                self.tiles.probed.dispatch_probes(self.device.compute_kernel(self.surface_declaration, "PROBES"), batch, **bindings)
 
     def _with_visibility(self) -> Iterator[dict[str, Any]]:
         """What SURFACE is bound to for each of the batch's offsets, while `visibility` is theirs."""
-        for index, buffer in zip(self._indices, self.buffers, strict=True):
+        for part, (index, buffer) in enumerate(zip(self._indices, self.buffers, strict=True)):
             if self.visibility_index[index] != self._current_visibility:
                 self._current_visibility = int(self.visibility_index[index])
                 base = self.base_offsets_px[self._current_visibility]
                 self._rasterize(base + 0.5 - 0.5 / self.samples_per_px, self._current_visibility)
-            yield self._surface_bindings(index, buffer)
+            triangles = {"surfaces": self.triangles[part]} if self.triangles else {}
+            yield {**self._surface_bindings(index, buffer), **triangles}
 
     def want_only(self, wanted: np.ndarray) -> None:
         """From now on render these tiles only, (rows, columns) bool."""
@@ -184,7 +207,6 @@ class EyePass(Shared):
     def _surface_bindings(self, index: int, buffer: GBuffer) -> dict[str, Any]:
         width, height = self.size
         sample = self.samples[index]
-        base = self.base_offsets_px[self.visibility_index[index]]
         return {
             **self.scene_data.bindings,
             **buffer._asdict(),
@@ -196,7 +218,7 @@ class EyePass(Shared):
             "samples_per_px": self.samples_per_px,
             "sample_x": int(sample[0]),
             "sample_y": int(sample[1]),
-            "eye": self._eye_table(base + sample / self.samples_per_px),
+            "eye": self.eye_table(index),
         }
 
     def _rasterize(self, shift_px: np.ndarray, visibility_number: int) -> None:
@@ -223,8 +245,9 @@ class EyePass(Shared):
                 rasterization=visibility_number,
             )
 
-    def _eye_table(self, offset_px: np.ndarray) -> np.ndarray:
-        """(5, 4) rows of the table `eye`"""
+    def eye_table(self, index: int) -> np.ndarray:
+        """(5, 4) rows of the table `eye` for the offset of this number"""
+        offset_px = self.base_offsets_px[self.visibility_index[index]] + self.samples[index] / self.samples_per_px
         width, height = self.size
         left, right, bottom, top = self.camera.window
         step_x, step_y = (right - left) / width, (top - bottom) / height

@@ -27,8 +27,8 @@ from ..material_program import (
     OpCode,
     Program,
     compile_material,
-    images_of,
-    layers_of,
+    material_images,
+    material_layers,
 )
 from ..reflectance_table import COSINE_COUNT, LARGEST_Z, LEAST_Z, ROUGHNESS_COUNT, TABLE_TEXELS, reflectance_table
 from ..scene import SceneSnapshot
@@ -69,12 +69,6 @@ SURFACE_DEFINES: Mapping[str, int | float] = {
     "WORLD_BASE": _WORLD_BASE,
     "INSTANCES_BASE": _INSTANCES_BASE,
 }
-
-
-def material_layers(material: Material) -> set[Layer]:
-    """The layers that a mesh must have for a material."""
-    found = set().union(*(layers_of(read(material)) for read in MATERIAL_INPUTS.values()))
-    return found | ({material.normal_map.layer} if material.normal_map else set())
 
 
 class SurfaceData:
@@ -135,7 +129,7 @@ class _Rows:
 
 
 def _all_images(materials: Iterable[Material], world: World) -> list[ImageTexels]:
-    images = [image for material in materials for read in MATERIAL_INPUTS.values() for image in images_of(read(material))]
+    images = [image for material in materials for image in material_images(material)]
     return [world.image, *images] if world.image is not None else images
 
 

@@ -21,8 +21,9 @@ QUARTERS = ((0, 0), (1, 1), (1, 0), (0, 1))
 """of a square, those apart first"""
 SIZE_CONSTANTS = {"width": Constant("int", "of the picture, pixels"), "height": Constant("int", "of the picture, pixels")}
 TILE_TEXTURES = {"tiles": Sampled("sampler2D", "x, y: column and row of every tile to walk; z, w: what the kernel wants to know of it")}
+WALK_CONSTANTS = {"tile_count": Constant("int", "tiles to walk")}
 TILE_CONSTANTS = {
-    "tile_count": Constant("int", "tiles to walk"),
+    **WALK_CONSTANTS,
     "probe_x": Constant("int", "with PROBES: the first pixel of a tile to look at"),
     "probe_y": Constant("int", "the same in y"),
 }
@@ -75,15 +76,15 @@ class Tiles:
         self.texture = device.upload_array(texels)
 
     def dispatch(self, kernel: ComputeKernel, /, **bindings: object) -> None:
-        self._dispatch(kernel, self.count, (0, 0), bindings)
+        self._dispatch(kernel, self.count, (0, 0) if "probe_x" in kernel.declaration.constants else None, bindings)
 
     def dispatch_probes(self, kernel: ComputeKernel, batch: int, /, **bindings: object) -> None:
         """For a kernel with the flag PROBES."""
         self._dispatch(kernel, -(-self.count // PROBE_COUNT), probe_px(batch), bindings)
 
-    def _dispatch(self, kernel: ComputeKernel, group_count: int, probe: tuple[int, int], bindings: dict[str, object]) -> None:
-        walked = {"tiles": self.texture, "tile_count": self.count, "probe_x": probe[0], "probe_y": probe[1]}
-        kernel.dispatch_linear(group_count * TILE_PX, **walked, **bindings)
+    def _dispatch(self, kernel: ComputeKernel, group_count: int, probe: tuple[int, int] | None, bindings: dict[str, object]) -> None:
+        probes = {} if probe is None else {"probe_x": probe[0], "probe_y": probe[1]}
+        kernel.dispatch_linear(group_count * TILE_PX, tiles=self.texture, tile_count=self.count, **probes, **bindings)
 
     def release(self) -> None:
         self.texture.release()

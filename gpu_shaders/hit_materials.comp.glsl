@@ -1,0 +1,36 @@
+// What the surfaces that rays met shine by themselves, what of the light upon them comes back along the rays, and the world where rays
+// met nothing.
+#include "lib/brdf.glsl"
+#include "lib/tiles.glsl"
+
+const float PER_PI = 0.318309886;
+
+void main() {
+    ivec2 pixel;
+    if (!find_pixel(pixel)) {
+        return;
+    }
+    vec4 hit = texelFetch(surfaces, pixel, 0);
+    int how = int(hit.w);
+    vec3 own = vec3(0.0);
+    vec3 scattered = vec3(0.0);
+    if (how == REFLECTED_NOTHING) {
+        own = world_radiance(texelFetch(ray_directions, pixel, 0).xyz);
+    } else if (how != NO_RAY) {
+        vec4 position = texelFetch(positions, pixel, 0);
+        vec4 normal = texelFetch(normals, pixel, 0);
+        InstanceData instance = load_instance(int(position.w));
+        TriangleData triangle = load_triangle(instance, int(hit.x));
+        vec3 weights = vec3(1.0 - hit.y - hit.z, hit.yz);
+        Surface surface = surface_at(int(position.w), instance, triangle, int(hit.x), weights, normal.xyz, unpack_direction(normal.w));
+        vec3 to_eye = -texelFetch(ray_directions, pixel, 0).xyz;
+        float cosine = max(dot(surface.normal_ws, to_eye), LEAST_COSINE);
+        float under = 1.0 - largest(dielectric_albedo(surface, lobe_of(surface.roughness, cosine)));
+        scattered = PER_PI * max(under, 0.0) * (1.0 - coat_albedo(surface, cosine)) * surface.diffuse;
+        own = emitted(surface, to_eye);
+    }
+    vec3 throughput = texelFetch(throughputs, pixel, 0).rgb;
+    imageStore(scatterings, pixel, vec4(throughput * scattered, 0.0));
+    vec3 before = bounce == 0 ? vec3(0.0) : imageLoad(radiances, pixel).rgb;
+    imageStore(radiances, pixel, vec4(before + throughput * own, 0.0));
+}

@@ -1,0 +1,83 @@
+// Maps of what reflectors may see, as core/passes/reflection_maps.py lays them out: six faces of a cube around a centre, or one view.
+//
+// A face looks along one of the map's axes, forwards or backwards; its coordinates are the other two in turn and the linear depth.
+// Every texel holds the range of depths, within the texel, of the triangle that its centre sees, and the triangle. Coarser levels hold
+// the range of all texels below.
+#include "lib/linear_texel.glsl"
+#include "lib/integer_halves.glsl"
+
+struct ReflectionMap {
+    vec3 center_ws;
+    vec3 axis_x;
+    vec3 axis_y;
+    vec3 axis_z;
+    bool is_cube;
+    ivec2 size;   // texels of a face
+    vec2 corner;  // tangents where texel (0, 0) begins
+    vec2 texel;   // tangents
+    int base;     // where its texels begin
+    float near_m;
+    float reach_m;  // what is farther from the centre is outside of the scene
+};
+
+ReflectionMap load_map(int number) {
+    vec4 rows[6];
+    for (int k = 0; k < 6; k++) {
+        rows[k] = texelFetch(map_headers, linear_texel(6 * number + k), 0);
+    }
+    ReflectionMap map;
+    map.center_ws = rows[0].xyz;
+    map.is_cube = rows[0].w > 0.5;
+    map.axis_x = rows[1].xyz;
+    map.axis_y = rows[2].xyz;
+    map.axis_z = rows[3].xyz;
+    map.size = ivec2(rows[1].w, rows[2].w);
+    map.corner = rows[4].xy;
+    map.texel = rows[4].zw;
+    map.base = integer_of(rows[5].xy);
+    map.near_m = rows[5].z;
+    map.reach_m = rows[5].w;
+    return map;
+}
+
+vec3 map_direction(ReflectionMap map, vec3 d_ws) {
+    return vec3(dot(map.axis_x, d_ws), dot(map.axis_y, d_ws), dot(map.axis_z, d_ws));
+}
+
+// Faces 0 and 1 look along the first axis, forwards and backwards, and so on; a single view is the face 4.
+int face_of(ReflectionMap map, vec3 p) {
+    vec3 size = abs(p);
+    if (!map.is_cube || size.z >= max(size.x, size.y)) {
+        return map.is_cube && p.z < 0.0 ? 5 : 4;
+    }
+    return size.x >= size.y ? (p.x > 0.0 ? 0 : 1) : (p.y > 0.0 ? 2 : 3);
+}
+
+// In the face: to the right, up, and depth. p: along the map's axes, from its centre
+vec3 in_face(int face, vec3 p) {
+    float side = (face & 1) == 0 ? 1.0 : -1.0;
+    int axis = face >> 1;
+    return axis == 0 ? vec3(p.y, p.z, side * p.x) : axis == 1 ? vec3(p.z, p.x, side * p.y) : vec3(p.x, p.y, side * p.z);
+}
+
+vec3 out_of_face(int face, vec3 p) {
+    float side = (face & 1) == 0 ? 1.0 : -1.0;
+    int axis = face >> 1;
+    return axis == 0 ? vec3(side * p.z, p.x, p.y) : axis == 1 ? vec3(p.y, side * p.z, p.x) : vec3(p.x, p.y, side * p.z);
+}
+
+int face_count(ReflectionMap map) {
+    return map.is_cube ? 6 : 1;
+}
+
+int face_row(ReflectionMap map, int face) {
+    return map.is_cube ? face : 0;
+}
+
+// Where a cell of a level stands in the list of all texels.
+int map_index(ReflectionMap map, int level, int face, ivec2 cell) {
+    ivec2 size = map.size >> level;
+    int finest = 4 * face_count(map) * map.size.x * map.size.y;
+    int before = (finest - (finest >> (2 * level))) / 3;
+    return map.base + before + (face_row(map, face) * size.y + cell.y) * size.x + cell.x;
+}

@@ -1,0 +1,117 @@
+// Reflects what is looked at, or what the rays before met: the next rays, and what the light that they find is multiplied by.
+//
+// Rough surfaces reflect along one of their facets' normals (Heitz 2018, "Sampling the GGX Distribution of Visible Normals"), another
+// one for every pixel and round.
+#include "lib/surface_point.glsl"
+#include "lib/brdf.glsl"
+#include "lib/hash.glsl"
+#include "lib/tiles.glsl"
+
+const float MIRROR_WIDTH = 1.0e-4;    // narrower lobes are mirrors: float32 could not tell their directions apart
+const float FIRST_SHARE = 1.0e-5;     // of the distance from the world's origin and from where the ray came: what is nearer is rounding
+const float TWO_PI = 6.28318531;
+
+// The normal of a facet that `view` sees; both in the surface's own space, z along its normal. place: in the unit square
+vec3 visible_facet(vec3 view, float width, vec2 place) {
+    vec3 stretched = normalize(vec3(width * view.xy, view.z));
+    float squared = dot(stretched.xy, stretched.xy);
+    vec3 side = squared > 0.0 ? vec3(-stretched.y, stretched.x, 0.0) * inversesqrt(squared) : vec3(1.0, 0.0, 0.0);
+    vec3 up = cross(stretched, side);
+    float radius = sqrt(place.x);
+    float angle = TWO_PI * place.y;
+    vec2 disk = radius * vec2(cos(angle), sin(angle));
+    float share = 0.5 * (1.0 + stretched.z);
+    disk.y = mix(sqrt(max(1.0 - disk.x * disk.x, 0.0)), disk.y, share);
+    vec3 facet = disk.x * side + disk.y * up + sqrt(max(1.0 - dot(disk, disk), 0.0)) * stretched;
+    return normalize(vec3(width * facet.xy, max(facet.z, 1.0e-6)));
+}
+
+// A number of this pixel's in [0, 1) for another sequence than its neighbours have.
+float shift(ivec2 pixel, uint dimension) {
+    return unit_float(pcg_hash(uint(pixel.x) ^ pcg_hash(uint(pixel.y) ^ pcg_hash(dimension))));
+}
+
+void main() {
+    ivec2 pixel;
+    if (!find_pixel(pixel)) {
+        return;
+    }
+    vec4 position = texelFetch(positions, pixel, 0);
+    vec4 surface_texel = texelFetch(surfaces, pixel, 0);
+    vec4 origin = vec4(0.0, 0.0, 0.0, -1.0);
+    vec4 color = vec4(0.0);
+    vec4 albedo = vec4(0.0);
+    vec4 ray = vec4(0.0);
+    int instance_index = int(position.w);
+    int map_number = -1;
+    if (instance_index >= 0) {
+        vec4 maps = texelFetch(instance_maps, linear_texel(instance_index), 0);
+#ifdef FROM_EYE
+        map_number = int(maps.x);
+#else
+        map_number = int(maps.y);
+#endif
+    }
+    if (map_number >= 0) {
+        vec4 normal = texelFetch(normals, pixel, 0);
+#ifdef FROM_EYE
+        vec3 incoming = eye[3].w > 0.5 ? normalize(eye[4].xyz) : normalize(position.xyz - eye[3].xyz);
+        vec3 before = vec3(1.0);
+        float traveled = eye[3].w > 0.5 ? 0.0 : length(position.xyz - eye[3].xyz);
+#else
+        vec3 incoming = imageLoad(ray_directions, pixel).xyz;
+        vec3 before = imageLoad(throughputs, pixel).rgb;
+        float traveled = length(position.xyz - imageLoad(ray_origins, pixel).xyz);
+#endif
+        InstanceData instance = load_instance(instance_index);
+        int triangle_index = int(surface_texel.x);
+        TriangleData triangle = load_triangle(instance, triangle_index);
+        vec3 weights = vec3(1.0 - surface_texel.y - surface_texel.z, surface_texel.yz);
+        // that of the G-buffer is rounded to a thousandth, which a mirror would show
+        float side = dot(scaled_geometric_normal(instance, triangle), normal.xyz) < 0.0 ? -1.0 : 1.0;
+        vec3 shading = side * shading_normal(instance, triangle, triangle_index, weights, side * normal.xyz);
+        Surface surface = surface_at(instance_index, instance, triangle, triangle_index, weights, normal.xyz, shading);
+        vec3 n = surface.normal_ws;
+        // a shading normal that looks away from the eye shows what one at right angles to the direction of sight would
+        float facing = -dot(n, incoming);
+        n = facing > 1.0e-4 ? n : normalize(n + (1.0e-4 - facing) * -incoming);
+        surface.normal_ws = n;
+        float cosine = max(-dot(n, incoming), LEAST_COSINE);
+        float roughness = reflection_roughness(surface, cosine);
+        float width = roughness * roughness;
+        vec3 facet = n;
+        float masked = 1.0;
+        if (width > MIRROR_WIDTH) {
+            vec3 aside = abs(n.z) < 0.9 ? normalize(cross(vec3(0.0, 0.0, 1.0), n)) : normalize(cross(vec3(1.0, 0.0, 0.0), n));
+            vec3 up = cross(n, aside);
+            vec3 view = -vec3(dot(aside, incoming), dot(up, incoming), dot(n, incoming));
+            vec2 place = fract(vec2(sample_x, sample_y) + vec2(shift(pixel, 2u * uint(bounce)), shift(pixel, 2u * uint(bounce) + 1u)));
+            vec3 local = visible_facet(view, width, place);
+            facet = local.x * aside + local.y * up + local.z * n;
+            float leaving = reflect(-view, local).z;
+            float hidden = smith(width, view.z);
+            masked = leaving > 0.0 ? (1.0 + hidden) / (1.0 + hidden + smith(width, leaving)) : 0.0;
+        }
+        vec3 outgoing = reflect(incoming, facet);
+        float above = dot(outgoing, normal.xyz);
+        if (above <= 0.0) {
+            // a leaning shading normal would send it into the surface
+            outgoing = normalize(outgoing - (above - 1.0e-3) * normal.xyz);
+        }
+        albedo = vec4(reflection_color(surface, cosine), 1.0);
+        // a coat has other facets than what it lies upon: those of the one that reflects more stand for both
+        vec3 reflected = albedo.rgb;
+        if (surface.coat_weight <= 0.0) {
+            reflected = lobe_fresnel(surface, lobe_of(surface.roughness, cosine), clamp(-dot(facet, incoming), 0.0, 1.0));
+        }
+        color = vec4(before * masked * reflected, 0.0);
+        origin = vec4(position.xyz, float(map_number));
+        ray = vec4(outgoing, FIRST_SHARE * max(traveled, length(position.xyz)));
+    }
+    imageStore(ray_origins, pixel, origin);
+    imageStore(ray_directions, pixel, ray);
+    imageStore(throughputs, pixel, color);
+#ifdef FROM_EYE
+    imageStore(colors, pixel, albedo);
+#endif
+}

@@ -1,0 +1,120 @@
+"""Reflections whose answer is known."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.scenes import bumpy_sphere, floor, matte, mirror, perspective_camera, point_light, rectangle, render_passes, snapshot
+from vir_addon.core.material import World
+from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
+from vir_addon.core.settings import Effect
+
+WIDTH, HEIGHT = 160, 90
+COLORS = np.array([(0.9, 0.1, 0.1), (0.1, 0.9, 0.1), (0.1, 0.1, 0.9), (0.9, 0.9, 0.1), (0.1, 0.9, 0.9), (0.9, 0.1, 0.9)])
+
+
+def colored_box(half_m: float):
+    """Six quads that face inwards and their emissions: -x, +x, -y, +y, -z, +z."""
+    quads = []
+    for axis in range(3):
+        for side in (-1, 1):
+            corner = np.full(3, -half_m)
+            corner[axis] = side * half_m
+            sides = [np.zeros(3), np.zeros(3)]
+            sides[0][(axis + 1) % 3] = sides[1][(axis + 2) % 3] = 2 * half_m
+            quads.append(rectangle(f"wall {axis} {side}", corner, *sides))
+    return quads, [matte((0, 0, 0), color) for color in COLORS]
+
+
+def camera_rays(camera, width, height):
+    """Origins and unit directions through pixels' centres, (height, width, 3)."""
+    left, right, bottom, top = camera.window
+    x = left + (np.arange(width) + 0.5) * (right - left) / width
+    y = bottom + (np.arange(height) + 0.5) * (top - bottom) / height
+    p = np.stack(np.broadcast_arrays(x[None, :], y[:, None], -1.0), axis=-1)
+    directions = p @ camera.world_from_view[:3, :3].T
+    return camera.world_from_view[:3, 3], directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+
+
+def box_colors(origins, directions, half_m):
+    """Emission of the wall that a ray from inside meets, and how near to an edge it does so, metres."""
+    with np.errstate(divide="ignore"):
+        lengths = (np.sign(directions) * half_m - origins) / directions
+    axis = np.argmin(lengths, axis=-1)
+    length = np.take_along_axis(lengths, axis[..., None], -1)
+    at = origins + length * directions
+    others = np.sort(np.abs(at), axis=-1)[..., 1]
+    positive = np.take_along_axis(directions, axis[..., None], -1)[..., 0] > 0
+    return COLORS[2 * axis + positive], half_m - others
+
+
+def test_mirror_sphere_in_a_coloured_box(device):
+    half_m, radius_m, centre = 3.0, 0.8, np.array([0.4, 0.3, -0.2])
+    walls, materials = colored_box(half_m)
+    sphere = bumpy_sphere("ball", centre, radius_m, 96, bump_share=0.0)
+    camera = perspective_camera((-2.6, -1.0, 0.8), centre, WIDTH, HEIGHT, 0.6)
+    scene = snapshot([*walls, sphere], [], camera, WIDTH, HEIGHT, materials=[*materials, mirror((0.9, 0.8, 0.7))], world=World())
+    passes = render_passes(scene, device, effects=(Effect.REFLECTION,))
+
+    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
+    along = directions @ (centre - eye)
+    distance = np.linalg.norm(eye + along[..., None] * directions - centre, axis=-1)
+    inside = distance < 0.97 * radius_m
+    first = along - np.sqrt(np.maximum(radius_m**2 - distance**2, 0))
+    at = eye + first[..., None] * directions
+    normal = (at - centre) / radius_m
+    reflected = directions - 2 * (directions * normal).sum(axis=-1, keepdims=True) * normal
+    truth, to_edge = box_colors(at, reflected, half_m)
+    judged = inside & (to_edge > 0.1)
+    assert judged.sum() > 1000
+    np.testing.assert_allclose(passes[REFLECTION_COLOR_PASS_NAME][judged], np.broadcast_to((0.9, 0.8, 0.7), truth[judged].shape), rtol=1e-3)
+    wrong = np.abs(passes[REFLECTION_PASS_NAME] - truth).max(axis=-1) > 0.01
+    assert not (wrong & judged).any(), f"{(wrong & judged).sum()} of {judged.sum()}"
+    assert not passes[REFLECTION_COLOR_PASS_NAME][distance > 1.03 * radius_m].any()
+
+
+def test_lit_floor_in_a_mirror(device):
+    """A wall that mirrors a matte floor under a point light with and without something in the light's way: albedo / pi times the light's
+    irradiance, closed form."""
+    light = point_light(eye=(0.5, 0.0, 2.0), radius_m=0.0, strength=10.0, strength_rgb=(12.0, 10.0, 4.0))
+    camera = perspective_camera((0.0, -4.0, 1.5), (0.0, 0.0, 0.8), WIDTH, HEIGHT, 0.3)
+    wall = rectangle("wall", (-2, 2, -0.5), (4, 0, 0), (0, 0, 4))
+    shade = rectangle("shade", (-0.5, -0.5, 1.0), (1.0, 0, 0), (0, 1.0, 0))
+    albedo = np.array([0.7, 0.5, 0.3])
+    scene = snapshot(
+        [floor(6.0), shade, wall],
+        [light],
+        camera,
+        WIDTH,
+        HEIGHT,
+        materials=[matte(albedo), matte((0, 0, 0)), mirror()],
+        world=World(),
+    )
+    image = render_passes(scene, device, effects=(Effect.REFLECTION,), view_count=1)[REFLECTION_PASS_NAME]
+
+    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
+    to_wall = (2 - eye[1]) / directions[..., 1]
+    at = eye + to_wall[..., None] * directions
+    reflected = directions * (1, -1, 1)
+    with np.errstate(divide="ignore"):
+        to_floor = -at[..., 2] / reflected[..., 2]
+        to_shade = (1.0 - at[..., 2]) / reflected[..., 2]
+    place = at + to_floor[..., None] * reflected
+    in_shade = at + to_shade[..., None] * reflected
+    before_wall = eye + (1.0 - eye[2]) / directions[..., 2:] * directions
+    hides = (np.abs(in_shade[..., :2]) < 0.6).all(axis=-1) & (to_shade > 0)
+    hides |= (np.abs(before_wall[..., :2]) < 0.6).all(axis=-1)
+    judged = (
+        (reflected[..., 2] < 0) & (np.abs(place[..., :2]) < 5.5).all(axis=-1) & (np.abs(at[..., 0]) < 1.9) & (at[..., 2] > 0.05) & ~hides
+    )
+    toward = place - (0.5, 0.0, 2.0)
+    squared = (toward**2).sum(axis=-1)
+    irradiance = 2.0 / squared**1.5
+    # the shade as the light throws it onto the floor
+    shadow = (np.abs(place[..., :2] - (-0.5, 0.0)) < 1.0).all(axis=-1)
+    at_edge = (np.abs(np.abs(place[..., :2] - (-0.5, 0.0)).max(axis=-1) - 1.0) < 0.1) & judged
+    truth = np.where(shadow, 0.0, irradiance)[..., None] * albedo / np.pi * (12.0, 10.0, 4.0)
+    judged &= ~at_edge
+    assert (judged & shadow).sum() > 300
+    assert (judged & ~shadow).sum() > 1000
+    np.testing.assert_allclose(image[judged], truth[judged], rtol=3e-3, atol=1e-4)  # normals of what is lit are packed to a thousandth

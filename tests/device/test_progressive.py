@@ -1,0 +1,185 @@
+"""A progressive render ends where a render ends, however it was sliced and whatever it showed before."""
+
+from __future__ import annotations
+
+import contextlib
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from tests.device.test_memory import counted
+from tests.scenes import area_light, box, bumpy_sphere, floor, perspective_camera, point_light, render_passes, snapshot, spot_light
+from vir_addon.core.errors import SceneError
+from vir_addon.core.passes.accumulate import pass_image
+from vir_addon.core.progressive import ProgressiveRender
+from vir_addon.core.settings import Settings
+
+WIDTH, HEIGHT = 40, 24
+OPTIONS = {"view_count": 16, "map_resolution_px": 128}
+SETTINGS = Settings(**OPTIONS)
+MESHES = [floor(3.0), box("box", (-0.9, 0.3, 0.5), (0.4, 0.5, 0.5), turn_rad=0.4), bumpy_sphere("ball", (0.8, 0.0, 0.8), 0.6, 12)]
+FILL = point_light("Fill", (-1.0, -1.5, 2.0), 0.2)
+
+
+def view(eye=(0.5, -6.0, 3.5), key_x=2.0, lights=None, size=(WIDTH, HEIGHT)):
+    key = area_light("Key", (key_x, -2.0, 5.0))
+    return snapshot(MESHES, [key, FILL] if lights is None else lights, perspective_camera(eye, (0.0, 0.0, 0.5), *size), *size)
+
+
+class AtOnce(Executor):
+    def submit(self, function, /, *arguments, **keywords):
+        done: Future = Future()
+        try:
+            done.set_result(function(*arguments, **keywords))
+        except BaseException as error:
+            done.set_exception(error)
+        return done
+
+
+@pytest.fixture
+def progressive(device):
+    with contextlib.closing(ProgressiveRender(device, AtOnce())) as made:
+        yield made
+
+
+def finish(progressive: ProgressiveRender, budget_s: float = 0.0) -> int:
+    """Returns how often it had to be called."""
+    for calls in range(1, 5000):
+        progressive.advance(budget_s)
+        if progressive.is_done:
+            return calls
+    raise AssertionError("it does not end")
+
+
+def drawn(progressive: ProgressiveRender) -> np.ndarray:
+    texels = progressive.device.read(progressive.picture).astype(np.float64)
+    return pass_image(texels[..., 0], texels[..., 1], texels[..., 2])
+
+
+@pytest.mark.parametrize("budget_s", [0.0, 0.02, 60.0])
+def test_it_ends_with_the_passes_of_a_render(device, progressive, budget_s):
+    scene = view()
+    passes = render_passes(scene, device, **OPTIONS)
+    progressive.show(scene, SETTINGS)
+    calls = finish(progressive, budget_s)
+    assert calls == 1 if budget_s == 60 else calls > 5
+    assert progressive.standing.views_done == progressive.standing.views_total == 32
+    assert 0 < progressive.standing.error_estimate < 0.1
+    np.testing.assert_allclose(drawn(progressive), passes["VIR Shadow"], atol=1e-6)
+    for light_name in ("Key", "Fill", None):
+        progressive.light_name = light_name
+        assert not progressive.is_done
+        assert progressive.advance(0.0) and progressive.is_done
+        np.testing.assert_allclose(drawn(progressive), passes[f"VIR Shadow {light_name}" if light_name else "VIR Shadow"], atol=1e-6)
+
+
+CHANGES = {
+    "the light": view(key_x=-1.0),
+    "the view": view(eye=(3.0, -5.0, 3.0)),
+    "the size": view(size=(24, 16)),
+    "the lights": view(lights=[FILL, spot_light("Spot", (2.0, 0.0, 4.0), radius_m=0.1)]),
+    "nothing": view(),
+}
+
+
+@pytest.mark.parametrize("steps_before", [1, 4, 9, 30, 10_000])
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_change_at_any_time(device, progressive, change, steps_before):
+    progressive.show(view(), SETTINGS)
+    for _ in range(steps_before):
+        if not progressive.is_done:
+            progressive.advance(0.0)
+    scene = CHANGES[change]
+    progressive.show(scene, SETTINGS)
+    assert not progressive.is_done
+    finish(progressive, 0.01)
+    assert progressive.picture_of is scene
+    np.testing.assert_allclose(drawn(progressive), render_passes(scene, device, **OPTIONS)["VIR Shadow"], atol=1e-6)
+
+
+def test_a_light_that_has_not_changed_is_not_made_again(progressive):
+    progressive.show(view(), SETTINGS)
+    everything = finish(progressive)
+    progressive.show(view(key_x=-1.0), SETTINGS)
+    one_light = finish(progressive)
+    progressive.show(view(key_x=-1.0), SETTINGS)
+    nothing = finish(progressive)
+    assert one_light < 0.6 * everything and nothing < 0.5 * one_light
+
+
+def test_pictures_come_batch_by_batch_and_get_better(progressive):
+    progressive.show(view(), SETTINGS)
+    pictures, views, errors = [], [], []
+    while not progressive.is_done:
+        if progressive.advance(0.0):
+            pictures.append(drawn(progressive))
+            views.append(progressive.standing.views_done)
+            errors.append(progressive.standing.error_estimate)
+    assert len(pictures) == progressive.plan.batch_count >= 8
+    assert views == sorted(views) and views[-1] == 32
+    assert errors[0] == np.inf and errors[-1] < errors[1]
+    distance = [np.abs(picture - pictures[-1]).mean() for picture in pictures]
+    assert distance[0] > 2 * distance[len(distance) // 2] > 0
+
+
+def test_small_batches(device, progressive):
+    progressive.show(view(), Settings(**OPTIONS, batch_view_count=1))
+    finish(progressive)
+    assert progressive.plan.batch_count == 16
+    np.testing.assert_allclose(drawn(progressive), render_passes(view(), device, **OPTIONS, batch_view_count=1)["VIR Shadow"], atol=1e-6)
+
+
+def test_it_waits_for_the_host_without_waiting(device):
+    """The executor is busy with something else: slices return at once."""
+    with ThreadPoolExecutor(1) as executor, contextlib.closing(ProgressiveRender(device, executor)) as progressive:
+        gate: Future = Future()
+        executor.submit(gate.result)
+        try:
+            progressive.show(view(), SETTINGS)
+            assert not progressive.advance(0.0)
+            assert progressive.is_waiting and not progressive.is_done
+            assert not progressive.advance(0.001) and progressive.is_waiting
+        finally:
+            gate.set_result(None)
+        finish(progressive, 0.01)
+        assert progressive.picture is not None
+
+
+def test_what_cannot_be_shown_says_so_once_and_the_next_is_shown(progressive):
+    progressive.show(view(), SETTINGS)
+    finish(progressive)
+    progressive.show(view(lights=[]), SETTINGS)
+    with pytest.raises(SceneError, match="no light"):
+        finish(progressive)
+    assert finish(progressive) <= 1
+    progressive.show(view(), SETTINGS)
+    finish(progressive)
+    assert progressive.picture is not None
+
+
+def test_lights_without_a_pass_draw_nothing(progressive):
+    progressive.show(view(lights=[area_light("Key", casts_shadow=False)]), SETTINGS)
+    finish(progressive)
+    assert progressive.picture is None and progressive.standing.views_total == 0
+
+
+def test_closing_at_any_time_leaves_nothing(device, monkeypatch):
+    stops = 0
+    while True:
+        with counted(device, monkeypatch) as holdings:
+            progressive = ProgressiveRender(device, AtOnce())
+            progressive.show(view(), SETTINGS)
+            for _ in range(stops):
+                progressive.advance(0.0)
+            # a change halfway, and another
+            progressive.show(CHANGES["the light"], SETTINGS)
+            for _ in range(stops // 2):
+                progressive.advance(0.0)
+            was_done = progressive.is_done
+            progressive.close()
+            assert not holdings.live and not holdings.released_twice, stops
+        if was_done:
+            break
+        stops += 7
+    assert stops > 20

@@ -1,0 +1,207 @@
+"""Maps of what reflectors may see: six faces around a centre, or one view of a mirrored eye. Each texel tells which triangle its centre
+sees and between which depths, coarser levels between which depths all texels below them.
+
+All maps of a frame are one list of texels:
+    map_headers     six texels a map: centre and whether it is a cube; three axes, with width, height and 0; corner and size of a texel in
+                    tangents; where its texels begin (halves), nearest and farthest depth
+    map_texels      of every map, from the finest level on: range of depths, instance number and triangle number, -1 where nothing is
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
+from ...device.interface import LINEAR_TEXTURE_WIDTH, RenderTarget, Texture, TextureFormat, split_integers
+from ...device.owned import Owned
+from .eye import VISIBILITY, VISIBILITY_OF_CUT_OUTS
+from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
+
+MAP_LEVELS = 6
+"""so many that a texel of the coarsest is MAP_SIZE_STEP_PX wide"""
+MAP_SIZE_STEP_PX = 1 << (MAP_LEVELS - 1)
+HEADER_TEXELS = 6
+BYTES_PER_TEXEL = 16
+LEVELS_SHARE = 4 / 3
+"""texels of all levels for one of the finest"""
+NOTHING_NEARER = 1e30
+"""the smallest depth where nothing is"""
+
+MAP_TEXTURES = {
+    "map_headers": Sampled("sampler2D", "centre, axes, size and place of every map"),
+    "map_texels": Sampled("sampler2D", "depths and triangle of every texel of every map"),
+}
+MAP_NUMBER = Constant("int", "which map")
+VISIBILITY_TEXT = "instance number + 1 and triangle number, the map's faces from bottom to top"
+
+REFLECTION_TEXELS = ComputeDeclaration(
+    name="reflection_texels",
+    text="depths and triangle of every texel of a reflector's map, from visibility",
+    source="reflection_texels.comp.glsl",
+    local_size=(8, 8, 1),
+    textures={
+        **SCENE_TEXTURES,
+        "map_headers": MAP_TEXTURES["map_headers"],
+        "visibility": Sampled("usampler2D", VISIBILITY_TEXT),
+    },
+    images={"map_texels": Stored("RGBA32F", "write", MAP_TEXTURES["map_texels"].text)},
+    constants={"map_number": MAP_NUMBER},
+    defines={**SCENE_DEFINES, "NOTHING_NEARER": NOTHING_NEARER},
+)
+
+REFLECTION_LEVELS = ComputeDeclaration(
+    name="reflection_levels",
+    text="a coarser level of a reflector's map",
+    source="reflection_levels.comp.glsl",
+    local_size=(8, 8, 1),
+    textures={"map_headers": MAP_TEXTURES["map_headers"]},
+    images={"map_texels": Stored("RGBA32F", "read_write", MAP_TEXTURES["map_texels"].text)},
+    constants={"map_number": MAP_NUMBER, "level": Constant("int", "which level is made, from 1")},
+    defines={"NOTHING_NEARER": NOTHING_NEARER},
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ReflectionMap:
+    """Where a map looks from and at what."""
+
+    center_ws: np.ndarray
+    """(3,) float64"""
+    axes: np.ndarray
+    """(3, 3) float64 rows; a single view looks along the last"""
+    is_cube: bool
+    width_px: int
+    """of a face, a multiple of MAP_SIZE_STEP_PX"""
+    height_px: int
+    window: tuple[float, float, float, float]
+    """tangents left, right, bottom, top"""
+    near_m: float
+    reach_m: float
+    instances: np.ndarray
+    """(n,) int64 what it may see"""
+    clipped_by: np.ndarray | None = None
+    """(4,) float64 plane (normal, offset): only what has normal . p + offset > 0 is there; of single views"""
+
+    @property
+    def face_count(self) -> int:
+        return 6 if self.is_cube else 1
+
+    @property
+    def texel_count(self) -> int:
+        """of all levels"""
+        finest = self.face_count * self.width_px * self.height_px
+        return sum(finest >> 2 * level for level in range(MAP_LEVELS))
+
+    def face_axes(self, face: int) -> np.ndarray:
+        """(3, 3) rows right, up, forward of a face; as `in_face` of lib/reflection_map.glsl has it"""
+        axis, side = (2, 1.0) if not self.is_cube else (face // 2, 1.0 - 2.0 * (face % 2))
+        return np.stack([self.axes[(axis + 1) % 3], self.axes[(axis + 2) % 3], side * self.axes[axis]])
+
+    def clip_from_world(self, face: int) -> np.ndarray:
+        """(4, 4) float64 OpenGL projection of a face"""
+        left, right, bottom, top = self.window
+        near, far = self.near_m, self.reach_m
+        clip_from_face = np.array(
+            [
+                [2 / (right - left), 0, -(right + left) / (right - left), 0],
+                [0, 2 / (top - bottom), -(top + bottom) / (top - bottom), 0],
+                [0, 0, (far + near) / (far - near), -2 * far * near / (far - near)],
+                [0, 0, 1, 0],
+            ]
+        )
+        face_from_world = np.eye(4)
+        face_from_world[:3, :3] = self.face_axes(face)
+        face_from_world[:3, 3] = -self.face_axes(face) @ self.center_ws
+        if self.clipped_by is not None:
+            clip_from_face = _clipped(clip_from_face, self.clipped_by @ np.linalg.inv(face_from_world))
+        return clip_from_face @ face_from_world
+
+    def header(self, base: int) -> np.ndarray:
+        """(HEADER_TEXELS, 4)"""
+        left, right, bottom, top = self.window
+        rows = np.zeros((HEADER_TEXELS, 4))
+        rows[0] = *self.center_ws, self.is_cube
+        rows[1:4, :3] = self.axes
+        rows[1:4, 3] = self.width_px, self.height_px, 0
+        rows[4] = left, bottom, (right - left) / self.width_px, (top - bottom) / self.height_px
+        rows[5] = *split_integers(np.array(base)), self.near_m, self.reach_m
+        return rows
+
+
+def _clipped(clip_from_face: np.ndarray, plane: np.ndarray) -> np.ndarray:
+    """The projection whose near plane is another (Lengyel 2005, "Oblique View Frustum Depth Projection and Clipping"). plane: (4,) in
+    face space"""
+    corner = np.linalg.inv(clip_from_face) @ np.array([np.sign(plane[0]), np.sign(plane[1]), 1.0, 1.0])
+    clipped = clip_from_face.copy()
+    clipped[2] = 2 * (clip_from_face[3] @ corner) / (plane @ corner) * plane - clip_from_face[3]
+    return clipped
+
+
+class ReflectionMaps:
+    """Draws the maps of a frame with the hardware rasterizer, once."""
+
+    def __init__(self, scene_data: SceneData, maps: list[ReflectionMap]) -> None:
+        self.scene_data, self.device, self.maps = scene_data, scene_data.device, maps
+        bases = np.concatenate([[0], np.cumsum([each.texel_count for each in maps])]).astype(np.int64)
+        headers = np.concatenate([each.header(int(base)) for each, base in zip(maps, bases, strict=False)])
+        rows = max(1, -(-int(bases[-1]) // LINEAR_TEXTURE_WIDTH))
+        with Owned() as owned:
+            self.headers = owned.own(self.device.upload_array(headers))
+            self.texels = owned.own(self.device.create_texture(LINEAR_TEXTURE_WIDTH, rows, TextureFormat.RGBA32F))
+            self._owned = owned.pop_all()
+
+    @property
+    def bindings(self) -> dict[str, Texture]:
+        return {"map_headers": self.headers, "map_texels": self.texels}
+
+    def draw(self) -> None:
+        self.device.run(self._draw)
+
+    def _draw(self) -> None:
+        width = max(each.width_px for each in self.maps)
+        height = max(each.face_count * each.height_px for each in self.maps)
+        with Owned() as temporary:
+            visibility = temporary.own(self.device.create_texture(width, height, TextureFormat.RG32UI))
+            depth = temporary.own(self.device.create_texture(width, height, TextureFormat.DEPTH32F))
+            target = temporary.own(self.device.create_target(visibility, depth))
+            for number, each in enumerate(self.maps):
+                self.device.fill(visibility, 0)
+                self.device.fill(depth, 0)
+                self._rasterize(target, each)
+                self._store(visibility, number, each)
+
+    def _rasterize(self, target: RenderTarget, drawn: ReflectionMap) -> None:
+        cut_out = self.scene_data.cut_out[drawn.instances]
+        draws = self.scene_data.draws(drawn.instances[~cut_out])
+        cut_out_draws = self.scene_data.draws(drawn.instances[cut_out])
+        for face in range(drawn.face_count):
+            viewport = (0, face * drawn.height_px, drawn.width_px, drawn.height_px)
+            bindings = {"clip_from_world": drawn.clip_from_world(face), "instances": self.scene_data.instances}
+            self.device.raster_kernel(VISIBILITY).draw(target, viewport, draws, **bindings)
+            if self.scene_data.opacity_maps is not None:
+                self.device.raster_kernel(VISIBILITY_OF_CUT_OUTS).draw(
+                    target, viewport, cut_out_draws, **bindings, **self.scene_data.opacity_maps.bindings, rasterization=0
+                )
+
+    def _store(self, visibility: Texture, number: int, drawn: ReflectionMap) -> None:
+        self.device.compute_kernel(REFLECTION_TEXELS).dispatch_grid(
+            (drawn.width_px, drawn.face_count * drawn.height_px),
+            **self.scene_data.bindings,
+            map_headers=self.headers,
+            map_texels=self.texels,
+            visibility=visibility,
+            map_number=number,
+        )
+        for level in range(1, MAP_LEVELS):
+            self.device.compute_kernel(REFLECTION_LEVELS).dispatch_grid(
+                (drawn.width_px >> level, drawn.face_count * (drawn.height_px >> level)),
+                map_headers=self.headers,
+                map_texels=self.texels,
+                map_number=number,
+                level=level,
+            )
+
+    def release(self) -> None:
+        self._owned.close()

@@ -1,0 +1,157 @@
+"""What reflectors show: rays leave what the eye sees, meet surfaces in the reflectors' maps, and leave these again.
+
+Where rays hit is a G-buffer of the eye's layout, so whatever looks lights up for the eye looks them up there.
+"""
+
+from __future__ import annotations
+
+from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored, Table
+from ..material_program import LUMINANCE
+from .reflection_maps import MAP_LEVELS, MAP_TEXTURES
+from .scene_data import SCENE_DEFINES, SCENE_TEXTURES
+from .surface_data import REFLECTANCE_DEFINES, SURFACE_DEFINES, SURFACE_TEXTURES
+from .tiles import SIZE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, WALK_CONSTANTS
+
+MAX_STEPS = 1024
+"""Cells that a ray may cross: several times what any needs in a map of 1024 texels; a GPU must not hang."""
+NO_RAY, REFLECTED_NOTHING, REFLECTED_SURFACE, REFLECTED_BY_DIRECTION = range(4)
+"""What became of a pixel's ray: there is none, it left the scene, it met a surface, or it did behind something that hid it from the map's
+centre, and this is what the map shows in its direction"""
+FOUND_DEFINES = {
+    "NO_RAY": NO_RAY,
+    "REFLECTED_NOTHING": REFLECTED_NOTHING,
+    "REFLECTED_SURFACE": REFLECTED_SURFACE,
+    "REFLECTED_BY_DIRECTION": REFLECTED_BY_DIRECTION,
+}
+LUMINANCE_DEFINES = dict(zip(("LUMINANCE_RED", "LUMINANCE_GREEN", "LUMINANCE_BLUE"), LUMINANCE, strict=True))
+
+POSITIONS = "position (world space) and instance number, -1 for the background"
+NORMALS = "geometric normal (world space, towards where it is seen from) and packed shading normal"
+SURFACES = "triangle number, weights of its second and third corner; of hits: what became of the ray"
+ORIGINS = "where the ray begins (world space) and number of the map that it is followed through, -1 where there is none"
+DIRECTIONS = "unit direction of the ray and how far along it nothing is met"
+THROUGHPUTS = "what the light that the ray finds is multiplied by"
+RADIANCES = "light that the picture's reflections bring in this round, what they are multiplied by included"
+COLORS = "what reflected light is multiplied by at the first reflector, and whether the pixel shows one"
+BOUNCE = Constant("int", "how often what the eye sees has been reflected already")
+
+SEEN = {
+    "positions": Sampled("sampler2D", POSITIONS),
+    "normals": Sampled("sampler2D", NORMALS),
+    "surfaces": Sampled("sampler2D", SURFACES),
+}
+
+REFLECT = ComputeDeclaration(
+    name="reflect",
+    text="reflected rays, and what the light that they find is multiplied by",
+    source="reflect.comp.glsl",
+    local_size=(TILE_PX, TILE_PX, 1),
+    textures={
+        **SCENE_TEXTURES,
+        **SURFACE_TEXTURES,
+        **SEEN,
+        "corner_normals": Sampled("sampler2D", "three packed normals of every triangle of meshes that need them"),
+        "instance_maps": Sampled("sampler2D", "of every instance: its map for what the eye sees and for what rays meet, -1: no reflector"),
+        **TILE_TEXTURES,
+    },
+    images={
+        "ray_origins": Stored("RGBA32F", "read_write", ORIGINS),
+        "ray_directions": Stored("RGBA32F", "read_write", DIRECTIONS),
+        "throughputs": Stored("RGBA32F", "read_write", THROUGHPUTS),
+        "colors": Stored("RGBA32F", "write", COLORS),
+    },
+    constants={
+        **SIZE_CONSTANTS,
+        **WALK_CONSTANTS,
+        "bounce": BOUNCE,
+        "sample_x": Constant("float", "of a rough surface's facets, in the unit square"),
+        "sample_y": Constant("float", "the same in y"),
+    },
+    tables={"eye": Table(5, "as of SURFACE; with FROM_EYE")},
+    flags={"FROM_EYE": "reflects what the eye sees, not what rays met"},
+    defines={**SCENE_DEFINES, **TILE_DEFINES, **SURFACE_DEFINES, **REFLECTANCE_DEFINES},
+)
+
+MARCH_REFLECTIONS = ComputeDeclaration(
+    name="march_reflections",
+    text="follows rays through maps to the surfaces that they meet",
+    source="march_reflections.comp.glsl",
+    local_size=(TILE_PX, TILE_PX, 1),
+    textures={
+        **SCENE_TEXTURES,
+        "corner_normals": Sampled("sampler2D", "three packed normals of every triangle of meshes that need them"),
+        **MAP_TEXTURES,
+        "ray_origins": Sampled("sampler2D", ORIGINS),
+        "ray_directions": Sampled("sampler2D", DIRECTIONS),
+        **TILE_TEXTURES,
+    },
+    images={
+        "positions": Stored("RGBA32F", "write", POSITIONS),
+        "normals": Stored("RGBA32F", "write", NORMALS),
+        "surfaces": Stored("RGBA32F", "write", SURFACES),
+    },
+    constants={**SIZE_CONSTANTS, **WALK_CONSTANTS},
+    flags={"BY_DIRECTION": "look maps up by direction alone"},
+    defines={**SCENE_DEFINES, **TILE_DEFINES, **FOUND_DEFINES, "MAP_LEVELS": MAP_LEVELS, "MAX_STEPS": MAX_STEPS},
+)
+
+HIT_MATERIALS = ComputeDeclaration(
+    name="hit_materials",
+    text="what the surfaces that rays met emit, and what they make of light",
+    source="hit_materials.comp.glsl",
+    local_size=(TILE_PX, TILE_PX, 1),
+    textures={
+        **SCENE_TEXTURES,
+        **SURFACE_TEXTURES,
+        **SEEN,
+        "ray_directions": Sampled("sampler2D", DIRECTIONS),
+        "throughputs": Sampled("sampler2D", THROUGHPUTS),
+        **TILE_TEXTURES,
+    },
+    images={
+        "scatterings": Stored("RGBA32F", "write", "radiance towards the eye for an irradiance of 1"),
+        "radiances": Stored("RGBA32F", "read_write", RADIANCES),
+    },
+    constants={**SIZE_CONSTANTS, **WALK_CONSTANTS, "bounce": BOUNCE},
+    defines={
+        **SCENE_DEFINES,
+        **TILE_DEFINES,
+        **SURFACE_DEFINES,
+        **REFLECTANCE_DEFINES,
+        "NO_RAY": NO_RAY,
+        "REFLECTED_NOTHING": REFLECTED_NOTHING,
+    },
+)
+
+LIGHT_HITS = ComputeDeclaration(
+    name="light_hits",
+    text="adds what a light brings to the surfaces that rays met",
+    source="light_hits.comp.glsl",
+    local_size=(TILE_PX, TILE_PX, 1),
+    textures={
+        "scatterings": Sampled("sampler2D", "radiance towards the eye for an irradiance of 1"),
+        "batch_sums": Sampled("sampler2D", "x: light that arrives, as RESOLVE sums it"),
+        **TILE_TEXTURES,
+    },
+    images={"radiances": Stored("RGBA32F", "read_write", RADIANCES)},
+    constants={
+        **SIZE_CONSTANTS,
+        **WALK_CONSTANTS,
+        "light_rgb": Constant("vec3", "irradiance for a sum of 1"),
+    },
+    defines=TILE_DEFINES,
+)
+
+ADD_REFLECTIONS = ComputeDeclaration(
+    name="add_reflections",
+    text="adds a round to the sums of the reflection passes",
+    source="add_reflections.comp.glsl",
+    local_size=(TILE_PX, TILE_PX, 1),
+    textures={"radiances": Sampled("sampler2D", RADIANCES), "colors": Sampled("sampler2D", COLORS), **TILE_TEXTURES},
+    images={
+        "radiance_sums": Stored("RGBA32F", "read_write", "sums over rounds of radiance and of its squared luminance"),
+        "color_sums": Stored("RGBA32F", "read_write", "sums over rounds of what it is multiplied by, and of rounds that show a reflector"),
+    },
+    constants={**SIZE_CONSTANTS, **WALK_CONSTANTS},
+    defines={**TILE_DEFINES, **LUMINANCE_DEFINES},
+)

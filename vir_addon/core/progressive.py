@@ -1,0 +1,200 @@
+"""A picture that follows a scene as it changes and gets better while nothing does, made slice by slice so that nobody has to wait."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from concurrent.futures import Executor, Future, TimeoutError
+from dataclasses import dataclass
+from typing import Any
+
+from ..device.interface import Device, Texture, TextureFormat
+from .plan import RenderPlan, check_device, plan
+from .render import Renderer
+from .scene import SceneSnapshot
+from .settings import Settings
+from .steps import Steps
+
+WATCHED_STEPS = 16
+"""The longest of so many latest steps is what the next one is expected to take."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How far the picture is."""
+
+    views_done: int = 0
+    """light samples looked up so far, of all lights"""
+    views_total: int = 0
+    error_estimate: float = float("inf")
+    """the largest of the lights; infinite before there are two rounds"""
+    busy_ms: float = 0.0
+    """that work took since the last change"""
+
+
+class ProgressiveRender:
+    """Ask it to `show` a snapshot, again whenever anything changes, and to `advance` as often as there is time.
+
+    What a new snapshot leaves as it was is not made again (`Renderer`, `previous`). Planning and fitting views are numpy's business and
+    happen in `executor`, so they take no time of the caller's; the device is only used within `advance`.
+    """
+
+    def __init__(self, device: Device, executor: Executor) -> None:
+        self.device, self.executor = device, executor
+        self.snapshot: SceneSnapshot | None = None
+        self.settings = Settings()
+        self.picture: Texture | None = None
+        """of `COMBINE_PASSES`, the combined pass or that of `light_name`; what it shows is `picture_of`"""
+        self.picture_of: SceneSnapshot | None = None
+        self.light_name: str | None = None
+        """whose pass is drawn; None: all lights together"""
+        self.plan: RenderPlan | None = None
+        self.standing = Standing()
+        self.slowest_step_ms = 0.0
+        """since the last change, steps left out in which a kernel was compiled"""
+        self._renderer: Renderer | None = None
+        self._steps: Steps | None = None
+        self._pending: Future[Any] | None = None
+        self._recent_s: deque[float] = deque(maxlen=WATCHED_STEPS)
+        self._drawn: tuple[str | None, int] | None = None
+        """light and number of batches of what is in the picture"""
+        self._batches_done = 0
+        self._is_between_batches = False
+
+    @property
+    def is_done(self) -> bool:
+        """Nothing to do until something else is to be shown."""
+        return self._steps is None and self._is_drawn
+
+    @property
+    def is_waiting(self) -> bool:
+        """For what happens in the executor."""
+        return self._pending is not None and not self._pending.done()
+
+    def show(self, snapshot: SceneSnapshot, settings: Settings) -> None:
+        """From now on. What was under way for another snapshot ends here."""
+        self._stop()
+        self.snapshot, self.settings = snapshot, settings
+        self.standing = Standing()
+        self.slowest_step_ms, self._batches_done, self._is_between_batches, self._drawn = 0.0, 0, False, None
+        self._steps = self._working(snapshot, settings)
+
+    def advance(self, budget_s: float) -> bool:
+        """Work for about so long, one step at least; whether the picture has changed.
+
+        Raises VirError if what is to be shown cannot be: then nothing happens before `show` is called again.
+        """
+        start = time.perf_counter()
+        has_changed = False
+        try:
+            while not self.is_done:
+                if self._step(budget_s - (time.perf_counter() - start)):
+                    has_changed = True
+                elapsed_s = time.perf_counter() - start
+                if self.is_waiting or elapsed_s + max(self._recent_s, default=0.0) > budget_s:
+                    break
+        except BaseException:
+            self._stop()
+            raise
+        finally:
+            busy_ms = self.standing.busy_ms + (time.perf_counter() - start) * 1e3
+            self.standing = Standing(self.standing.views_done, self.standing.views_total, self.standing.error_estimate, busy_ms)
+        return has_changed
+
+    def _step(self, left_s: float) -> bool:
+        if self._steps is None or (self._is_between_batches and not self._is_drawn):
+            return self._draw()
+        answer = None
+        if self._pending is not None:
+            try:
+                # short work is worth waiting for: the next slice would come later
+                answer = self._pending.result(timeout=max(left_s, 0.0))
+            except TimeoutError:
+                return False
+            self._pending = None
+        start, kernel_count = time.perf_counter(), self.device.kernel_count
+        host_work, has_ended = self.device.run(_send, self._steps, answer)
+        took_s = time.perf_counter() - start
+        if self.device.kernel_count == kernel_count:
+            self._recent_s.append(took_s)
+            self.slowest_step_ms = max(self.slowest_step_ms, took_s * 1e3)
+        if has_ended:
+            self._steps = None
+        elif host_work is not None:
+            self._pending = self.executor.submit(host_work)
+        return False
+
+    def _working(self, snapshot: SceneSnapshot, settings: Settings) -> Steps:
+        render_plan: RenderPlan = yield lambda: plan(snapshot, settings)
+        check_device(render_plan, self.device)
+        previous = self._renderer
+        renderer = Renderer(snapshot, render_plan, self.device, previous=previous)
+        self._renderer, self.plan = renderer, render_plan
+        if previous is not None:
+            previous.close()
+        yield None
+        yield from renderer.preparing()
+        # lights that are shared may be through with all batches but the last, which has to be drawn
+        first = min((work.batches_done for work in renderer.works), default=0)
+        for batch in range(min(first, render_plan.batch_count - 1), render_plan.batch_count):
+            self._is_between_batches = False
+            yield from renderer.rendering(batch)
+            yield None
+            self._batches_done, self._is_between_batches = batch + 1, True
+            share = {work.planned.light_name: work.batches_done / render_plan.batch_count for work in renderer.works}
+            views = [(planned.view_count, share.get(planned.light_name, 0.0)) for planned in render_plan.passes if planned.runs]
+            self.standing = Standing(
+                views_done=round(sum(count * done for count, done in views)),
+                views_total=sum(count for count, _ in views),
+                error_estimate=renderer.update_errors(),
+                busy_ms=self.standing.busy_ms,
+            )
+            yield None
+
+    @property
+    def _is_drawn(self) -> bool:
+        return self._drawn == (self.light_name, self._batches_done)
+
+    def _draw(self) -> bool:
+        self._drawn = self.light_name, self._batches_done
+        if self._renderer is None or self.snapshot is None or not self._batches_done:
+            return False
+        self.device.run(self._draw_picture, self._renderer, self.snapshot)
+        return True
+
+    def _draw_picture(self, renderer: Renderer, snapshot: SceneSnapshot) -> None:
+        size = snapshot.width_px, snapshot.height_px
+        if self.picture is not None and (self.picture.width, self.picture.height) != size:
+            self._release_picture()
+        if self.picture is None:
+            self.picture = self.device.create_texture(*size, TextureFormat.RGBA32F)
+        if renderer.draw_passes(self.picture, self.light_name):
+            self.picture_of = snapshot
+        else:
+            self._release_picture()
+
+    def _release_picture(self) -> None:
+        if self.picture is not None:
+            self.picture.release()
+        self.picture = self.picture_of = None
+
+    def _stop(self) -> None:
+        if self._steps is not None:
+            self.device.run(self._steps.close)
+        self._steps = self._pending = None
+
+    def close(self) -> None:
+        """Free what the device holds."""
+        self._stop()
+        self._release_picture()
+        if self._renderer is not None:
+            self._renderer.close()
+        self._renderer = None
+
+
+def _send(steps: Steps, answer: Any) -> tuple[Any, bool]:
+    """A step: work for the host or None, and whether it was the last."""
+    try:
+        return steps.send(answer), False
+    except StopIteration:
+        return None, True

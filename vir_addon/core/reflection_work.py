@@ -1,0 +1,214 @@
+"""The reflections' share of the streamed loop: maps of the reflectors once a frame; rays, what they meet and its light in every round."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..device.interface import ComputeKernel, Device, Texture, TextureFormat
+from ..device.owned import Owned
+from .material_program import LUMINANCE
+from .pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, ReflectionStatistics
+from .passes.eye import EyePass, GBuffer
+from .passes.reflection_maps import ReflectionMaps
+from .passes.reflections import (
+    ADD_REFLECTIONS,
+    HIT_MATERIALS,
+    LIGHT_HITS,
+    MARCH_REFLECTIONS,
+    NO_RAY,
+    REFLECT,
+    REFLECTED_BY_DIRECTION,
+    REFLECTED_NOTHING,
+    REFLECTED_SURFACE,
+)
+from .passes.scene_data import SceneData
+from .passes.surface_data import SurfaceData
+from .passes.tiles import TILE_PX, Tiles, grid_shape, with_neighbours
+from .plan import RenderPlan
+from .reflectors import PlannedReflections
+from .sampling import stable_seed, unit_square_points
+from .settings import ReflectionLookUp
+from .stopwatch import Stopwatch
+
+
+@dataclass(frozen=True)
+class Hits:
+    """What the rays of one bounce met, of one of a batch's eye samples."""
+
+    part: int
+    buffer: GBuffer
+    scatterings: Texture
+    sums: Texture
+    """what a light brings, as RESOLVE sums it over faces"""
+
+
+class ReflectionWork:
+    def __init__(self, planned: PlannedReflections, plan: RenderPlan, scene_data: SceneData, eye: EyePass) -> None:
+        self.planned, self.plan, self.scene_data, self.eye = planned, plan, scene_data, eye
+        self.device: Device = scene_data.device
+        width, height = self.size = eye.size
+        parts = range(plan.eye_samples_per_batch)
+        self.round_count = 0
+        self.tiles_shown = np.zeros(grid_shape(width, height), bool)
+        """(rows, columns) of the picture that show a reflector"""
+        points = unit_square_points(plan.batch_count * len(parts) * planned.bounces, stable_seed("reflection"))
+        self.samples = points.reshape(-1, planned.bounces, 2)
+        """of facets: (rounds, bounces, 2)"""
+        self.statistics = ReflectionStatistics(
+            bounces=planned.bounces,
+            map_count=len(planned.maps),
+            map_texel_count=sum(each.texel_count for each in planned.maps),
+            reflectors={each.name: f"{each.method_text} {each.reason}".strip() for each in planned.reflectors},
+        )
+        zeros = np.zeros((height, width, 4), np.float32)
+        with Owned() as owned:
+
+            def texture() -> Texture:
+                return owned.own(self.device.create_texture(width, height, TextureFormat.RGBA32F))
+
+            self.materials = owned.own(SurfaceData(scene_data.snapshot, self.device))
+            self.maps = owned.own(ReflectionMaps(scene_data, list(planned.maps)))
+            self.instance_maps = owned.own(self.device.upload_array(planned.instance_maps(len(scene_data.snapshot.instances))))
+            self.rays = {name: texture() for name in ("ray_origins", "ray_directions", "throughputs")}
+            self.surfaces = texture()
+            self.radiances = [texture() for _ in parts]
+            self.colors = [texture() for _ in parts]
+            self.hits = [
+                [Hits(part, GBuffer(texture(), texture()), texture(), texture()) for _ in range(planned.bounces)] for part in parts
+            ]
+            self.sums = {name: owned.own(self.device.upload_texture(zeros)) for name in ("radiance_sums", "color_sums")}
+            self._owned = owned.pop_all()
+        self.tiles = Tiles(self.device, np.ones(self.tiles_shown.shape, bool))
+        self._lit_tiles: dict[int, Tiles] = {}
+
+    def draw_maps(self, stopwatch: Stopwatch) -> None:
+        with stopwatch.stage("reflection maps"):
+            self.maps.draw()
+
+    def find_tiles(self, instances: np.ndarray) -> None:
+        """Work only where a reflector is, or may be at other sub-pixel offsets. instances: (height, width) of an eye G-buffer, -1: none"""
+        shows = self.planned.instance_maps(len(self.scene_data.snapshot.instances))[:, 0] >= 0
+        pixels = (instances >= 0) & shows[np.maximum(instances, 0).astype(np.int64)]
+        rows, columns = self.tiles_shown.shape
+        padded = np.zeros((rows * TILE_PX, columns * TILE_PX), bool)
+        padded[: pixels.shape[0], : pixels.shape[1]] = pixels
+        self.tiles_shown = with_neighbours(padded.reshape(rows, TILE_PX, columns, TILE_PX).any(axis=(1, 3)))
+        self.tiles.release()
+        self.tiles = Tiles(self.device, self.tiles_shown)
+
+    def lit_tiles(self, turn: int) -> Tiles:
+        """The same tiles for RESOLVE. turn: as of TURN_DEFINES"""
+        if turn not in self._lit_tiles:
+            numbers = np.broadcast_to((float(turn), 1.0), (*self.tiles_shown.shape, 2))
+            self._lit_tiles[turn] = self._owned.own(Tiles(self.device, self.tiles_shown, numbers))
+        return self._lit_tiles[turn]
+
+    def trace(self, offsets: list[int], batch: int, stopwatch: Stopwatch) -> None:
+        """Rays of a batch's eye samples. offsets: numbers of their sub-pixel offsets"""
+        with stopwatch.stage("reflect"):
+            for part, offset in enumerate(offsets):
+                self._trace(part, offset, batch * len(offsets) + part)
+
+    def _trace(self, part: int, offset: int, round_number: int) -> None:
+        flags = ["BY_DIRECTION"] * (self.plan.settings.reflection_look_up is ReflectionLookUp.DIRECTION)
+        seen = {**self.eye.buffers[part]._asdict(), "surfaces": self.eye.triangles[part]}
+        for bounce, hits in enumerate(self.hits[part]):
+            place = self.samples[round_number % len(self.samples), bounce]
+            self._walk(
+                self.device.compute_kernel(REFLECT, *["FROM_EYE"] * (bounce == 0)),
+                **self.scene_data.bindings,
+                **self.materials.bindings,
+                **seen,
+                **self.rays,
+                corner_normals=self.scene_data.corner_normals,
+                instance_maps=self.instance_maps,
+                colors=self.colors[part],
+                bounce=bounce,
+                sample_x=place[0],
+                sample_y=place[1],
+                eye=self.eye.eye_table(offset),
+            )
+            seen = {**hits.buffer._asdict(), "surfaces": self.surfaces}
+            self._walk(
+                self.device.compute_kernel(MARCH_REFLECTIONS, *flags),
+                **self.scene_data.bindings,
+                **self.maps.bindings,
+                **seen,
+                corner_normals=self.scene_data.corner_normals,
+                ray_origins=self.rays["ray_origins"],
+                ray_directions=self.rays["ray_directions"],
+            )
+            self._walk(
+                self.device.compute_kernel(HIT_MATERIALS),
+                **self.scene_data.bindings,
+                **self.materials.bindings,
+                **seen,
+                ray_directions=self.rays["ray_directions"],
+                throughputs=self.rays["throughputs"],
+                scatterings=hits.scatterings,
+                radiances=self.radiances[part],
+                bounce=bounce,
+            )
+
+    def _walk(self, kernel: ComputeKernel, **bindings: object) -> None:
+        width, height = self.size
+        self.tiles.dispatch(kernel, width=width, height=height, **bindings)
+
+    def count_found(self) -> None:
+        """What became of the rays of the last bounce that were followed, of one eye sample."""
+        found = self.device.read(self.surfaces)[..., 3].astype(np.int64)
+        shown = found[self.tiles_shown.repeat(TILE_PX, axis=0).repeat(TILE_PX, axis=1)[: found.shape[0], : found.shape[1]]]
+        counts = np.bincount(shown, minlength=4)
+        ray_count = int(counts.sum() - counts[NO_RAY])
+        self.statistics.ray_count = ray_count
+        self.statistics.found_share = counts[REFLECTED_SURFACE] / max(ray_count, 1)
+        self.statistics.by_direction_share = counts[REFLECTED_BY_DIRECTION] / max(ray_count, 1)
+        self.statistics.left_share = counts[REFLECTED_NOTHING] / max(ray_count, 1)
+
+    @property
+    def all_hits(self) -> Iterator[Hits]:
+        for part in self.hits:
+            yield from part
+
+    def add_light(self, hits: Hits, light_rgb: tuple[float, float, float]) -> None:
+        """light_rgb: irradiance for a sum of 1"""
+        self._walk(
+            self.device.compute_kernel(LIGHT_HITS),
+            scatterings=hits.scatterings,
+            batch_sums=hits.sums,
+            radiances=self.radiances[hits.part],
+            light_rgb=light_rgb,
+        )
+
+    def end_batch(self, stopwatch: Stopwatch) -> None:
+        """All lights are in: add the batch's rounds to the passes."""
+        with stopwatch.stage("reflect"):
+            for radiances, colors in zip(self.radiances, self.colors, strict=True):
+                self.round_count += 1
+                self._walk(self.device.compute_kernel(ADD_REFLECTIONS), radiances=radiances, colors=colors, **self.sums)
+
+    def compute_error(self) -> float:
+        """RMS over pixels that show a reflector of the standard error of the luminance that reflections add to the picture; infinite
+        before there are two rounds."""
+        if self.round_count < 2:
+            return math.inf
+        radiance = self.device.read(self.sums["radiance_sums"]).astype(np.float64)
+        shown = self.device.read(self.sums["color_sums"])[..., 3] > 0
+        count = self.round_count
+        mean = radiance[..., :3] @ LUMINANCE / count
+        variance = np.maximum(radiance[..., 3] / count - mean**2, 0) / (count - 1)
+        return math.sqrt(variance[shown].mean()) if shown.any() else 0.0
+
+    def read(self) -> dict[str, np.ndarray]:
+        """Pass name -> (height, width, 3) float32"""
+        radiance, color = (self.device.read(self.sums[name])[..., :3] for name in ("radiance_sums", "color_sums"))
+        reflection = np.divide(radiance, color, out=np.zeros_like(radiance), where=color > 0)
+        return {REFLECTION_PASS_NAME: reflection, REFLECTION_COLOR_PASS_NAME: color / max(self.round_count, 1)}
+
+    def release(self) -> None:
+        self.tiles.release()
+        self._owned.close()
