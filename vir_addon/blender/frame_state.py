@@ -136,7 +136,9 @@ def forecast_text(scene: bpy.types.Scene) -> str:
     if not state.forecasts:
         return "time and error: not planned yet"
     factor = time_factor()
-    seconds = sum(forecast.compute_ms(view_count) for forecast in state.forecasts.values()) * 1e-3 * (factor or 1.0)
+    seconds = (
+        sum(forecast.compute_ms(view_count, scene.vir.map_resolution_px) for forecast in state.forecasts.values()) * 1e-3 * (factor or 1.0)
+    )
     text = f"about {seconds_text(seconds)}" + ("" if factor else " without a GPU")
     measured = [one for layer in state.statistics.values() for one in layer.passes if one.view_count > 1]
     if not measured:

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from .plan import RenderPlan, plan
-from .quality import FEWEST_VIEWS, MOST_VIEWS, map_resolution_of_views
+from .quality import FEWEST_VIEWS, MAP_RESOLUTIONS_PX, MOST_VIEWS
 from .scene import SceneSnapshot
 
-FORECAST_STEPS = 4
-"""numbers of views that a plan is made for; between them times follow a power law closely"""
+VIEW_COUNTS = (FEWEST_VIEWS, MOST_VIEWS)
+"""what is planned for each map resolution; the plan's model is nearly linear between them"""
 
 ERROR_EXPONENT = 0.4
 """Estimated errors fall with the views to the power of -0.4: 0.35 to 0.45 for the lights of the demo scenes between 8 and 256 views, most
@@ -21,26 +19,32 @@ of which have penumbrae and edges everywhere; smooth penumbrae alone fall with -
 
 @dataclass(frozen=True)
 class Forecast:
-    """Of one picture."""
+    """Of one picture, by the plan's model."""
 
-    view_counts: tuple[int, ...]
-    predicted_ms: tuple[float, ...]
-    """of renders with so many views, by the plan's model"""
+    steps_ms: dict[int, tuple[float, float]]
+    """map resolution -> milliseconds of renders with VIEW_COUNTS"""
+    planned_ms: float
+    """of the settings that were planned"""
+    planned_for: tuple[int, int]
+    """their views and map resolution"""
 
-    def compute_ms(self, view_count: int) -> float:
-        """Between the steps along a power law, beyond them as the nearest two say."""
-        x, y = np.log(self.view_counts), np.log(np.maximum(self.predicted_ms, 1e-3))
-        at = math.log(max(view_count, 1))
-        index = int(np.clip(np.searchsorted(x, at) - 1, 0, len(x) - 2))
-        slope = (y[index + 1] - y[index]) / (x[index + 1] - x[index])
-        return math.exp(y[index] + slope * (at - x[index]))
+    def compute_ms(self, view_count: int, map_resolution_px: int) -> float:
+        """What the plan said where nothing has changed since; otherwise by the nearest map resolution."""
+        if (view_count, map_resolution_px) == self.planned_for:
+            return self.planned_ms
+        nearest_px = min(self.steps_ms, key=lambda px: abs(math.log(px / map_resolution_px)))
+        (few, many), (few_ms, many_ms) = VIEW_COUNTS, self.steps_ms[nearest_px]
+        return max(few_ms + (many_ms - few_ms) * (view_count - few) / (many - few), few_ms / few * view_count)
 
 
 def make_forecast(snapshot: SceneSnapshot, planned: RenderPlan) -> Forecast:
     """Plans the picture a few times more; the snapshot is not needed afterwards."""
-    counts = tuple(round(count) for count in np.geomspace(FEWEST_VIEWS, MOST_VIEWS, FORECAST_STEPS))
-    settings = [replace(planned.settings, view_count=count, map_resolution_px=map_resolution_of_views(count)) for count in counts]
-    return Forecast(counts, tuple(plan(snapshot, wanted).predicted_ms for wanted in settings))
+    steps_ms = {}
+    for resolution_px in MAP_RESOLUTIONS_PX:
+        settings = [replace(planned.settings, view_count=count, map_resolution_px=resolution_px) for count in VIEW_COUNTS]
+        few_ms, many_ms = (plan(snapshot, one).predicted_ms for one in settings)
+        steps_ms[resolution_px] = (few_ms, many_ms)
+    return Forecast(steps_ms, planned.predicted_ms, (planned.settings.view_count, planned.settings.map_resolution_px))
 
 
 def predict_error(measured: float, measured_view_count: int, view_count: int) -> float:

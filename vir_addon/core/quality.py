@@ -10,6 +10,7 @@ FEWEST_VIEWS, MOST_VIEWS = 8, 512
 MAP_RESOLUTION_OF_VIEWS = ((32, 512), (128, 1024))
 """Below so many views, maps of so many pixels; above 2048. Finer maps than that gain nothing while the views' own noise is larger."""
 FINEST_MAP_PX = 2048
+MAP_RESOLUTIONS_PX = (*(px for _, px in MAP_RESOLUTION_OF_VIEWS), FINEST_MAP_PX)
 
 
 def views_of_quality(quality: float) -> int:
