@@ -48,12 +48,13 @@ def test_every_setting_of_the_core_can_be_set(registered):
         "use_soft_shadows": False, "use_omni_shadows": False, "stochastic_culling": False, "culling_area_texels": 0.5, "resolve": "FULL",
         "cull_hidden": False, "watertight": False, "small_triangle_points": 5, "back_faces": True, "views_per_thread": 2,
         "blocker_sample_count": 7, "filter_sample_count": 9, "replay_buffer_mib": 100,
+        "use_reflections": True, "bounces": 3, "reflection_look_up": "DIRECTION", "reflection_map_mib": 64,
     }  # fmt: skip
     for name, value in chosen.items():
         setattr(registered.vir, name, value)
     wanted, default = properties.settings_of(registered), Settings()
-    # light_names belongs to the command line: the panel has a switch on each light; reflections are not in the panel yet
-    not_offered = {"light_names", "effects", "bounces", "reflection_look_up", "reflection_map_mib"}
+    # lights have a switch each instead of light_names; previews choose their batches; the device decides the hardware
+    not_offered = {"light_names", "batch_view_count", "hardware"}
     same = [field.name for field in dataclasses.fields(Settings) if getattr(wanted, field.name) == getattr(default, field.name)]
     assert set(same) == not_offered
 

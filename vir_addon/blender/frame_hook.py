@@ -13,7 +13,8 @@ from functools import partial
 import bpy
 
 from ..core.errors import VirError
-from ..core.plan import plan
+from ..core.plan import plan, settings_for
+from ..core.settings import Effect
 from . import devices, frame_state
 from .compositor import compositor_tree, has_node, has_pass_nodes
 from .extract import snapshot
@@ -46,9 +47,10 @@ def render_layer(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None
     """Fill the images of the depsgraph's view layer. Raises VirError."""
     start = time.perf_counter()
     layer_name = depsgraph.view_layer.name
-    taken = snapshot(depsgraph)
-    made = LayerJob(taken, plan(taken, settings_of(scene)))
     device_name = devices.device_name(scene.vir.device)
+    settings = settings_for(devices.get_device(device_name), settings_of(scene))
+    taken = snapshot(depsgraph, with_materials=Effect.REFLECTION in settings.effects)
+    made = LayerJob(taken, plan(taken, settings))
     step = partial(devices.on_main_thread, SteppedRender.step) if devices.is_bound_to_main_thread(device_name) else SteppedRender.step
     render = SteppedRender({layer_name: made}, device_name)
     while not step(render):

@@ -22,6 +22,8 @@ from .stepped_render import SteppedRender
 class SceneState:
     plans: dict[str, dict[str, PlannedPass]] = field(default_factory=dict)
     """view layer name -> light name -> what the plan decided"""
+    reflectors: dict[str, tuple[bool, str]] = field(default_factory=dict)
+    """object name -> whether it is drawn, and how or why not"""
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     """one sentence an object"""
@@ -77,7 +79,7 @@ def note_plan(scene: bpy.types.Scene, jobs: Mapping[str, LayerJob]) -> None:
     """Of all view layers."""
     state = state_of(scene)
     state.problem = ""
-    state.plans, state.notes, state.left_out, state.forecasts = {}, (), (), {}
+    state.plans, state.reflectors, state.notes, state.left_out, state.forecasts = {}, {}, (), (), {}
     for name, job in jobs.items():
         _add_plan(state, name, job)
         state.forecasts[name] = make_forecast(job.snapshot, job.plan)
@@ -85,6 +87,10 @@ def note_plan(scene: bpy.types.Scene, jobs: Mapping[str, LayerJob]) -> None:
 
 def _add_plan(state: SceneState, layer_name: str, job: LayerJob) -> None:
     state.plans[layer_name] = {planned.light_name: planned for planned in job.plan.passes}
+    if job.plan.reflections is not None:
+        for reflector in job.plan.reflections.reflectors:
+            how = f"{reflector.method_text}: {reflector.reason}" if reflector.runs and reflector.method_text else reflector.reason
+            state.reflectors[reflector.name] = (reflector.runs, how)
     state.notes = tuple(dict.fromkeys((*state.notes, *job.plan.notes)))
     state.left_out = tuple(sorted({*state.left_out, *(f"{item.object_name}: {item.reason}" for item in job.snapshot.left_out)}))
 
@@ -103,7 +109,7 @@ def note_layer(scene: bpy.types.Scene, job: LayerJob, passes: PassSet, render_s:
     state, layer_name = state_of(scene), job.snapshot.view_layer_name
     if is_first:
         state.problem = ""
-        state.plans, state.notes, state.left_out, state.statistics = {}, (), (), {}
+        state.plans, state.reflectors, state.notes, state.left_out, state.statistics = {}, {}, (), (), {}
     _add_plan(state, layer_name, job)
     state.statistics[layer_name] = passes.statistics
     state.frame = job.snapshot.frame
@@ -139,7 +145,7 @@ def forecast_text(scene: bpy.types.Scene) -> str:
     seconds = (
         sum(forecast.compute_ms(view_count, scene.vir.map_resolution_px) for forecast in state.forecasts.values()) * 1e-3 * (factor or 1.0)
     )
-    text = f"about {seconds_text(seconds)}" + ("" if factor else " without a GPU")
+    text = f"about {seconds_text(seconds)}"
     measured = [one for layer in state.statistics.values() for one in layer.passes if one.view_count > 1]
     if not measured:
         return text

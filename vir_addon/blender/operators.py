@@ -9,6 +9,7 @@ from typing import Any
 import bpy
 
 from ..core.errors import SceneError, VirError
+from ..core.plan import settings_for
 from . import devices, frame_state, report_file
 from .compositor import add_pass_nodes, has_pass_nodes
 from .frame_state import state_of
@@ -26,7 +27,8 @@ def plan_frame(scene: bpy.types.Scene) -> dict[str, LayerJob]:
     """Read the scene at its current frame and plan it; what is found stands in the panel. Raises VirError."""
     if scene.camera is None:
         raise SceneError(f"the scene {scene.name!r} has no camera; add one, or make one the active camera")
-    jobs = frame_jobs(scene, scene.frame_current, settings_of(scene))
+    device = devices.get_device(devices.device_name(scene.vir.device))
+    jobs = frame_jobs(scene, scene.frame_current, settings_for(device, settings_of(scene)))
     frame_state.note_plan(scene, jobs)
     return jobs
 

@@ -38,7 +38,7 @@ class VIR_UL_lights(bpy.types.UIList):
     ) -> None:
         row = layout.row(align=True)
         row.prop(item.data.vir, "use_pass", text="")
-        split = row.split(factor=0.38, align=True)
+        split = row.split(factor=0.32, align=True)
         split.label(text=item.name, icon=LIGHT_ICONS.get(item.data.type, "LIGHT"))
         text = split.row()
         text.active = item.data.vir.use_pass
@@ -80,6 +80,7 @@ class _Passes:
         column = layout.column(heading="Effects")
         column.prop(scene.vir, "use_soft_shadows")
         column.prop(scene.vir, "use_omni_shadows")
+        column.prop(scene.vir, "use_reflections")
 
 
 def _draw_buttons(layout: Any, context: Any, state: SceneState) -> None:
@@ -146,6 +147,29 @@ def _draw_light(layout: Any, context: Any, state: SceneState) -> None:
     made = state.made(chosen.name)
     if made is not None:
         _draw_text(box, context, f"Made by {made.method} in frame {state.frame}: {decision_text(state, chosen.name)}.", "NONE")
+
+
+class _Reflectors:
+    bl_label = "Reflectors"
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        return bool(context.scene.vir.use_reflections)
+
+    def draw(self: Any, context: Any) -> None:
+        scene, layout = context.scene, self.layout
+        state = state_of(scene)
+        chosen = context.object
+        if chosen is not None:
+            layout.prop(chosen.vir, "reflector", text=chosen.name)
+        for name, (runs, how) in state.reflectors.items():
+            _draw_text(layout, context, f"{name}: {how}", "CHECKMARK" if runs else "X")
+        if not state.reflectors:
+            _draw_text(layout, context, "Nothing reflects" if state.plans else "Not planned yet", "NONE")
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(scene.vir, "bounces")
+        layout.prop(scene.vir, "reflection_look_up")
+        layout.prop(scene.vir, "reflection_map_mib")
 
 
 class _Rendering:
@@ -216,7 +240,14 @@ def _draw_text(layout: Any, context: Any, text: str, icon: str) -> None:
 
 
 def _make_panels() -> list[type]:
-    contents = {"passes": _Passes, "lights": _Lights, "rendering": _Rendering, "method": _Advanced, "notes": _Notes}
+    contents = {
+        "passes": _Passes,
+        "lights": _Lights,
+        "reflectors": _Reflectors,
+        "rendering": _Rendering,
+        "method": _Advanced,
+        "notes": _Notes,
+    }
     made: list[type] = []
     for place, base in (("view3d", _InSidebar), ("render", _InRenderProperties)):
         for name, content in contents.items():
@@ -225,7 +256,7 @@ def _make_panels() -> list[type]:
                 attributes["bl_parent_id"] = f"VIR_PT_{place}_passes"
             if name in ("method", "rendering", "notes"):
                 attributes["bl_options"] = {"DEFAULT_CLOSED"}
-            elif name == "lights":
+            elif name in ("lights", "reflectors"):
                 attributes["bl_options"] = set()
             made.append(type(f"VIR_PT_{place}_{name}", (content, base, bpy.types.Panel), attributes))
     return made

@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 
 from ..core.quality import map_resolution_of_views, quality_of_views, views_of_quality
-from ..core.settings import MAX_TAPS, Method, PointGeneration, PointStorage, Resolve, Settings
+from ..core.settings import MAX_BOUNCES, MAX_TAPS, Effect, Method, PointGeneration, PointStorage, ReflectionLookUp, Resolve, Settings
 
 VERSION = 1
 """of the groups; raised together with a new entry in MIGRATIONS"""
@@ -48,6 +48,10 @@ _POINT_GENERATIONS = (
 _RESOLVES = (
     (Resolve.ADAPTIVE, "Adaptive", "Parts of the picture that are wholly lit or dark are only probed. Error below 0.001", 0),
     (Resolve.FULL, "Full", "Every pixel is looked up in every view", 1),
+)
+_LOOK_UPS = (
+    (ReflectionLookUp.MARCH, "March", "Rays are followed through the depths of a reflector's map: things are where they belong", 0),
+    (ReflectionLookUp.DIRECTION, "Direction", "As if all were infinitely far away, as published: things slide. To compare with", 1),
 )
 
 
@@ -88,6 +92,11 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
     )
     use_omni_shadows: bpy.props.BoolProperty(
         name="Omni Shadows", description="One shadow pass for each point light and spot", default=_DEFAULTS.omni_shadows
+    )
+    use_reflections: bpy.props.BoolProperty(
+        name="Reflections",
+        description="What mirroring surfaces show, and the colour that it is multiplied by",
+        default=Effect.REFLECTION in _DEFAULTS.effects,
     )
     device: bpy.props.EnumProperty(
         name="Device",
@@ -206,6 +215,27 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
         soft_max=4096,
     )
 
+    bounces: bpy.props.IntProperty(
+        name="Bounces",
+        description="How often light is followed from reflector to reflector. 0: as often as the scene calls for, at most twice",
+        default=_DEFAULTS.bounces or 0,
+        min=0,
+        max=MAX_BOUNCES,
+    )
+    reflection_look_up: bpy.props.EnumProperty(
+        name="Look-up",
+        description="How reflectors' maps are looked up",
+        items=_items(_LOOK_UPS),
+        default=_DEFAULTS.reflection_look_up.value.upper(),
+    )
+    reflection_map_mib: bpy.props.IntProperty(
+        name="Map Memory",
+        description="MiB for the maps of all reflectors. Where they would take more they get smaller",
+        default=_DEFAULTS.reflection_map_mib,
+        min=1,
+        soft_max=4096,
+    )
+
     active_light_index: bpy.props.IntProperty(
         name="Active Light", description="Row of the list of lights: the index of its object in the scene", options={"HIDDEN"}
     )
@@ -305,7 +335,9 @@ def unregister() -> None:
 def settings_of(scene: bpy.types.Scene) -> Settings:
     """What the core is asked for. Raises UsageError for choices that exclude each other, in words for the panel."""
     group = scene.vir
+    chosen = {Effect.SHADOW: group.use_soft_shadows or group.use_omni_shadows, Effect.REFLECTION: group.use_reflections}
     return Settings(
+        effects=tuple(effect for effect, is_wanted in chosen.items() if is_wanted),
         method=Method(group.method.lower()),
         points=PointStorage(group.points.lower()),
         point_generation=PointGeneration(group.point_generation.lower()),
@@ -324,6 +356,9 @@ def settings_of(scene: bpy.types.Scene) -> Settings:
         blocker_sample_count=group.blocker_sample_count,
         filter_sample_count=group.filter_sample_count,
         replay_buffer_mib=group.replay_buffer_mib,
+        bounces=group.bounces or None,
+        reflection_look_up=ReflectionLookUp(group.reflection_look_up.lower()),
+        reflection_map_mib=group.reflection_map_mib,
     )
 
 
