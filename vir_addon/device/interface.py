@@ -158,7 +158,8 @@ class Device(abc.ABC):
         """Call on the device's thread and return or raise what it does; use it around many small calls."""
 
     @abc.abstractmethod
-    def create_texture(self, width: int, height: int, texture_format: TextureFormat) -> Texture: ...
+    def create_texture(self, width: int, height: int, texture_format: TextureFormat) -> Texture:
+        """What is in it is anything, what another texture was left with included."""
 
     @abc.abstractmethod
     def upload_texture(self, texels: np.ndarray) -> Texture:

@@ -32,12 +32,15 @@ from .interface import (
     TextureFormat,
 )
 from .owned import Owned
+from .texture_pool import TexturePool
 
 MINIMUM_OPENGL = 430
 GL_COLOR = 0x1800
 GL_MAX_GEOMETRY_IMAGE_UNIFORMS = 0x90CD
 GEOMETRY_IMAGES = 2
 """that geometry shaders of this program store into; OpenGL guarantees none"""
+UNUSED_TEXTURES_BYTES = 512 << 20
+"""kept for the next who wants them; what a frame of 1920 x 1080 pixels holds"""
 DRIVER_LINE = re.compile(r"\b0[:(](\d+)\b")
 """'0:7(10): error' of Mesa, '0(7) : error' of NVIDIA, 'ERROR: 0:7:' of others"""
 
@@ -46,7 +49,12 @@ class ModernglTexture(Texture):
     def __init__(self, device: ModernglDevice, width: int, height: int, texture_format: TextureFormat, texels: bytes | None = None) -> None:
         self.device, self.width, self.height, self.format = device, width, height, texture_format
         context = device.context
-        if texture_format is TextureFormat.DEPTH32F:
+        # the pool is where the handles come from that it hands out
+        self.handle: Any = device.unused_textures.take((width, height, texture_format))
+        if self.handle is not None:
+            if texels is not None:
+                self.handle.write(texels)
+        elif texture_format is TextureFormat.DEPTH32F:
             self.handle = context.depth_texture((width, height))
         else:
             self.handle = context.texture(
@@ -55,7 +63,7 @@ class ModernglTexture(Texture):
             self.handle.filter = (device.moderngl.NEAREST, device.moderngl.NEAREST)
 
     def release(self) -> None:
-        self.device.run(self.handle.release)
+        self.device.run(self.device.unused_textures.keep, (self.width, self.height, self.format), self.handle)
 
 
 class ModernglMesh(DeviceMesh):
@@ -256,6 +264,7 @@ class ModernglDevice(Device):
         flush = ctypes.CFUNCTYPE(None)(native.load("glFlush"))
         # a software rasterizer fills texels of what it was given while it places the next draw's vertices; a GPU gains nothing from it
         self.hand_over: Callable[[], None] = flush if self.is_software else lambda: None
+        self.unused_textures = TexturePool(UNUSED_TEXTURES_BYTES if self.is_software else 0)
 
     def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
         if threading.get_ident() == self._thread_id:
