@@ -22,11 +22,7 @@ int own_turn() {
 }
 
 vec2 sums_before(int turn, ivec2 pixel) {
-#ifdef MANY_FACES
     return (turn & FIRST_FACE) != 0 ? vec2(0.0) : imageLoad(batch_sums, pixel).xy;
-#else
-    return vec2(0.0);
-#endif
 }
 
 void add_to_pass(int turn, ivec2 pixel, bool surface, vec2 sums) {
@@ -39,12 +35,10 @@ void add_to_pass(int turn, ivec2 pixel, bool surface, vec2 sums) {
         imageStore(disagreeing, ivec2(tile.xy), uvec4(1u));
     }
 #else
-#ifdef MANY_FACES
     if ((turn & LAST_FACE) == 0) {
         imageStore(batch_sums, pixel, vec4(sums, 0.0, 0.0));
         return;
     }
-#endif
     // rounds that the tile was left out of count as those before them
     float repeats = own_tile().w;
     if (surface || repeats != 1.0) {
