@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE_FOLDER = Path(__file__).resolve().parent.parent / "vir_addon"
-BLENDER_MODULES = {"bpy", "bpy_extras", "bmesh", "mathutils", "addon_utils", "idprop"}
+BLENDER_MODULES = {"bpy", "bpy_extras", "bmesh", "mathutils", "addon_utils", "idprop", "imbuf"}
 GPU_MODULES = {"moderngl", "glcontext", "gpu", "gpu_extras"}
 BLENDER_GPU_DEVICE = "device/blender_gpu_device.py"
 BACKENDS = {"device.moderngl_device", "device.blender_gpu_device"}

@@ -8,6 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from tests.blender.test_material_opacity import SQUARE, UVS, Nodes, image_of, square, with_uvs  # noqa: E402  (bpy decides)
+from vir_addon.blender import image_texels  # noqa: E402
 from vir_addon.core.material import CornerValue, ImageSample, Layer, LayerKind  # noqa: E402
 from vir_addon.core.material_program import evaluate_on_texels, sampled_images  # noqa: E402
 
@@ -342,6 +343,35 @@ def test_large_images_are_used_smaller(add, look):
     assert texels.shape == (3, 2048, 3)
     assert np.abs(texels[..., 0].mean() - 127.5) < 1.0
     assert any("'wide' is used at 2048 x 3 instead of 5000 x 8" in note for note in snapshot.notes)
+
+
+def saved_image(tmp_path, name, pixels):
+    made = image_of(pixels, name)
+    made.filepath_raw, made.file_format = str(tmp_path / f"{name}.png"), "PNG"
+    made.save()
+    bpy.data.images.remove(made)
+    return bpy.data.images.load(str(tmp_path / f"{name}.png"))
+
+
+def test_images_too_large_for_memory_are_read_smaller_or_refused(add, look, tmp_path, monkeypatch):
+    """With limits of a few pixels, so that a small image is too large."""
+    monkeypatch.setattr(image_texels, "LARGEST_PX", 63)
+    monkeypatch.setattr(image_texels, "MAX_SIDE_PX", 4)
+    monkeypatch.setattr(image_texels, "_STRIP_PX", 32)
+    pixels = np.ones((9, 8, 4), np.float32)
+    pixels[..., :3] = np.random.default_rng(1).integers(0, 256, (9, 8, 3)) / 255
+    from_file, generated = Nodes("from a file"), Nodes("generated")
+    for nodes, image in ((from_file, saved_image(tmp_path, "huge", pixels)), (generated, image_of(pixels, "painted"))):
+        nodes.link(nodes.texture(image).outputs["Color"], nodes.principled().inputs["Base Color"])
+        square(add, nodes, nodes.material.name)
+    snapshot = look()
+    refused = {one.object_name: one.reason for one in snapshot.left_out}
+    if bpy.app.version >= (5, 2):
+        read = next(material for material in snapshot.materials if material.name == "from a file").diffuse.image
+        expected = 255 * pixels[:8, :, :3].reshape(4, 2, 4, 2, 3).mean(axis=(1, 3))
+        np.testing.assert_allclose(read.texels, expected, atol=0.51)
+        assert refused.keys() == {"material generated"}
+    assert "'painted', which is too large (8 x 9 pixels)" in refused["material generated"]
 
 
 def test_normal_maps(add, look):

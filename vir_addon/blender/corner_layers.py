@@ -53,7 +53,8 @@ def _read_layer(data: bpy.types.Mesh, extracted: ExtractedMesh, layer: Layer) ->
     colors = np.zeros((len(values), 3), np.float32)
     colors[:] = values[:, :1] if channel_count == 1 else 0.0
     colors[:, : min(channel_count, 3)] = values[:, :3]
-    colors = np.nan_to_num(colors)
+    if not np.isfinite(colors.sum()):
+        colors = np.nan_to_num(colors)
     if attribute.domain == "CORNER":
         return _of_triangles(colors, extracted)
     if attribute.domain == "POINT":
@@ -97,4 +98,7 @@ def read_uvs(data: bpy.types.Mesh, name: str | None) -> np.ndarray | None:
         return None
     uvs = np.empty((len(data.loops), 2), np.float32)
     data.attributes[names[0]].data.foreach_get("vector", uvs.reshape(-1))
-    return np.clip(np.nan_to_num(uvs), -_LARGEST_UV, _LARGEST_UV)
+    # a NaN is in no range
+    if uvs.size and not (uvs.min() >= -_LARGEST_UV and uvs.max() <= _LARGEST_UV):
+        return np.clip(np.nan_to_num(uvs), -_LARGEST_UV, _LARGEST_UV)
+    return uvs

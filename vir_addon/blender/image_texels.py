@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 
 import bpy
+import imbuf
 import numpy as np
 
 from ..core.material import ImageTexels
@@ -51,8 +52,8 @@ def read_texels(image: bpy.types.Image, channel: Channel) -> tuple[np.ndarray, s
     """(height, width) uint8, row 0 at the bottom, and a note for the user or ''. Raises UnreadableImage."""
     is_color = channel is not Channel.ALPHA
     _check(image, is_color=is_color)
-    pixels = _read_pixels(image)
-    height, width, channel_count = pixels.shape
+    pixels, (width, height) = _read_pixels(image)
+    channel_count = pixels.shape[2]
     note = ""
     if max(width, height) > MAX_SIDE_PX:
         pixels = shrink(pixels, MAX_SIDE_PX)
@@ -87,8 +88,8 @@ def read_colors(image: bpy.types.Image, max_side_px: int, max_bytes: int) -> tup
     max_bytes: on the device, of the colours
     """
     _check(image, is_color=True)
-    pixels = _read_pixels(image)
-    height, width, channel_count = pixels.shape
+    pixels, (width, height) = _read_pixels(image)
+    channel_count = pixels.shape[2]
     has_alpha = channel_count in (2, 4) and image.alpha_mode != "NONE" and bool((pixels[..., -1] < 1.0).any())
     is_packed = image.alpha_mode == "CHANNEL_PACKED" or image.colorspace_settings.is_data
     if has_alpha and not is_packed and image.alpha_mode == "STRAIGHT":
@@ -116,10 +117,9 @@ def read_colors(image: bpy.types.Image, max_side_px: int, max_bytes: int) -> tup
 
 def _stored(values: np.ndarray, image: bpy.types.Image) -> np.ndarray:
     """Copies; float images keep what is beyond 1."""
-    values = np.nan_to_num(values, nan=0.0)
     if image.is_float:
-        return np.clip(values, -_LARGEST_VALUE, _LARGEST_VALUE)
-    return (np.clip(values, 0.0, 1.0) * np.float32(255) + np.float32(0.5)).astype(np.uint8)
+        return np.clip(np.nan_to_num(values, nan=0.0), -_LARGEST_VALUE, _LARGEST_VALUE)
+    return (values * np.float32(255) + np.float32(0.5)).astype(np.uint8)
 
 
 _LARGEST_VALUE = 1e9
@@ -133,17 +133,52 @@ def _is_gray(colors: np.ndarray) -> bool:
 _KNOWN_SPACES = ("sRGB", "Non-Color", "Linear Rec.709")
 
 
-def _read_pixels(image: bpy.types.Image) -> np.ndarray:
-    """(height, width, channel_count) float32"""
+LARGEST_PX = 8192 * 8192
+"""Blender hands pixels out as floats: these take a GiB."""
+_STRIP_PX = 1 << 22
+"""that are floats at a time where an image has more than LARGEST_PX"""
+
+
+def _read_pixels(image: bpy.types.Image) -> tuple[np.ndarray, tuple[int, int]]:
+    """(height, width, channel_count) float32, and the image's own width and height: what has more than LARGEST_PX is read smaller, at
+    MAX_SIDE_PX at least."""
     # asking for pixels loads the file; before that the size of a missing one may be that of long ago
     value_count = len(image.pixels)
     width, height = image.size
     if not value_count or not width or not height:
         place = f" ({image.filepath})" if image.filepath else ""
         raise UnreadableImage(f"the image '{image.name}', which is missing{place}")
+    if width * height > LARGEST_PX:
+        return _read_smaller(image, width, height), (width, height)
     pixels = np.empty(value_count, np.float32)
     image.pixels.foreach_get(pixels)
-    return pixels.reshape(height, width, -1)
+    return pixels.reshape(height, width, -1), (width, height)
+
+
+def _read_smaller(image: bpy.types.Image, width: int, height: int) -> np.ndarray:
+    """Means of blocks of a file's pixels, without all of them as floats."""
+    too_large = UnreadableImage(f"the image '{image.name}', which is too large ({width} x {height} pixels)")
+    if image.source != "FILE" or image.is_dirty or image.is_float or not hasattr(imbuf.types.ImBuf, "with_buffer"):
+        raise too_large
+    try:
+        packed = image.packed_file
+        loaded = imbuf.load_from_buffer(packed.data) if packed else imbuf.load(bpy.path.abspath(image.filepath, library=image.library))
+    except (OSError, ValueError) as error:
+        raise too_large from error
+    if tuple(loaded.size) != (width, height) or loaded.buffer_type != "BYTE":
+        raise too_large
+    step = max(width, height) // MAX_SIDE_PX
+    with loaded.with_buffer() as buffer:
+        texels = np.asarray(buffer)[: height // step * step, : width // step * step]
+        strip = max(1, _STRIP_PX // width // step) * step
+        parts = [_block_means(texels[start : start + strip], step) for start in range(0, len(texels), strip)]
+    return np.concatenate(parts) / np.float32(255)
+
+
+def _block_means(texels: np.ndarray, step: int) -> np.ndarray:
+    height, width, channel_count = texels.shape
+    blocks = texels.reshape(height // step, step, width // step, step, channel_count)
+    return blocks.mean(axis=(1, 3), dtype=np.float32)
 
 
 def _gray(colors: np.ndarray, *, is_encoded: bool) -> np.ndarray:
@@ -161,6 +196,10 @@ def shrink(pixels: np.ndarray, max_side_px: int) -> np.ndarray:
         size = pixels.shape[axis]
         count = max(1, round(size * factor))
         starts = np.arange(count) * size // count
-        lengths = np.diff(np.append(starts, size)).astype(np.float32)
-        pixels = np.add.reduceat(pixels, starts, axis=axis) / np.expand_dims(lengths, (1 - axis, 2))
+        lengths = np.diff(np.append(starts, size))
+        # a few times faster than reduceat
+        sums = np.take(pixels, starts, axis=axis)
+        for step in range(1, int(lengths.max())):
+            sums += np.take(pixels, np.minimum(starts + step, size - 1), axis=axis) * np.expand_dims(lengths > step, (1 - axis, 2))
+        pixels = sums / np.expand_dims(lengths.astype(np.float32), (1 - axis, 2))
     return pixels

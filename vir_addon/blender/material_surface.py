@@ -88,6 +88,7 @@ class SurfaceReader:
         self._target = output_target(engine)
         self._override = override
         self._index: dict[int, int] = {}
+        self._layers: dict[tuple[int, ...], frozenset[Layer]] = {}
         self._colors = ColorReader()
         self.materials: list[Material] = []
         self.left_out: list[LeftOut] = []
@@ -102,7 +103,9 @@ class SurfaceReader:
 
     def layers_of(self, material_set: tuple[int, ...]) -> frozenset[Layer]:
         """What a mesh with these materials must have at its corners."""
-        return frozenset().union(*(material_layers(self.materials[index]) for index in set(material_set)))
+        if material_set not in self._layers:
+            self._layers[material_set] = frozenset().union(*(material_layers(self.materials[index]) for index in set(material_set)))
+        return self._layers[material_set]
 
     def _index_of(self, material: bpy.types.Material | None) -> int:
         address = 0 if material is None else material.as_pointer()
