@@ -79,13 +79,34 @@ class BlenderMesh(DeviceMesh):
         self.device.run(setattr, self, "batch", None)
 
 
+class _Framebuffer:
+    """Each of Blender's windows has a context, which textures are shared with but framebuffers are not, and any may be active when Blender
+    calls next: a framebuffer is made again in every call from outside."""
+
+    def __init__(self, device: BlenderGpuDevice, **slots: Any) -> None:
+        self.device, self._slots = device, slots
+        self._made_in_call = -1
+        self._handle: Any = None
+
+    @property
+    def handle(self) -> Any:
+        """to bind and draw into"""
+        if self._made_in_call != self.device.call_count:
+            self._handle = self.device.gpu.types.GPUFrameBuffer(**self._slots)
+            self._made_in_call = self.device.call_count
+        return self._handle
+
+    def release(self) -> None:
+        self._handle, self._slots, self._made_in_call = None, {}, -1
+
+
 class BlenderTarget(RenderTarget):
     def __init__(self, device: BlenderGpuDevice, color: BlenderTexture, depth: BlenderTexture) -> None:
         self.device, self.color, self.depth = device, color, depth
-        self.handle = device.gpu.types.GPUFrameBuffer(depth_slot=depth.handle, color_slots=[color.handle])
+        self.framebuffer = _Framebuffer(device, depth_slot=depth.handle, color_slots=[color.handle])
 
     def release(self) -> None:
-        self.device.run(setattr, self, "handle", None)
+        self.device.run(self.framebuffer.release)
 
 
 def _create_info(gpu: Any, declaration: KernelDeclaration, flags: tuple[str, ...]) -> Any:
@@ -191,8 +212,9 @@ class BlenderRasterKernel(RasterKernel):
 
     def _draw(self, target: BlenderTarget, viewport: tuple[int, int, int, int], draws: Sequence[Draw], bindings: dict[str, Any]) -> None:
         state = self.device.gpu.state
-        with self.device.restored_state(), target.handle.bind():
-            target.handle.viewport_set(*viewport)
+        framebuffer = target.framebuffer.handle
+        with self.device.restored_state(), framebuffer.bind():
+            framebuffer.viewport_set(*viewport)
             state.blend_set("NONE")
             state.depth_test_set("LESS")
             state.depth_mask_set(True)
@@ -235,11 +257,14 @@ class BlenderGpuDevice(Device):
         self.gpu = gpu
         self._thread_id = threading.get_ident()
         self._kernels: dict[tuple[str, tuple[str, ...]], Any] = {}
+        self._call_depth = 0
+        self.call_count = 0
+        """calls from outside, one of which may hold many"""
         platform = gpu.platform
         self._describe(platform.renderer_get(), f"{platform.backend_type_get()} {platform.version_get()}")
         self.max_texture_size_px = int(gpu.capabilities.max_texture_size_get())
         self._fence = BlenderTexture(self, 1, 1, TextureFormat.RGBA32F)
-        self._fence_target = gpu.types.GPUFrameBuffer(color_slots=[self._fence.handle])
+        self._fence_target = _Framebuffer(self, color_slots=[self._fence.handle])
 
     def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """Blender's context belongs to one thread: a call from any other is refused."""
@@ -247,7 +272,12 @@ class BlenderGpuDevice(Device):
             raise DeviceError(
                 "Blender's gpu module works only on the thread that opened the device; use the device moderngl from other threads"
             )
-        return function(*arguments)
+        self.call_count += self._call_depth == 0
+        self._call_depth += 1
+        try:
+            return function(*arguments)
+        finally:
+            self._call_depth -= 1
 
     def compile(self, declaration: KernelDeclaration, info: Any, stages: Mapping[str, tuple[str, str]]) -> Any:
         """stages: what Blender's console calls a stage -> file name and text"""
@@ -326,13 +356,14 @@ class BlenderGpuDevice(Device):
     def _finish(self) -> None:
         # There is no glFinish, but a read-back waits. Drawn to first: a driver that knows what each texture waits for (Mesa's
         # software rasterizer does not) might hand over an untouched one at once.
-        with self.restored_state(), self._fence_target.bind():
-            self._fence_target.clear(color=(0.0, 0.0, 0.0, 0.0))
+        framebuffer = self._fence_target.handle
+        with self.restored_state(), framebuffer.bind():
+            framebuffer.clear(color=(0.0, 0.0, 0.0, 0.0))
         self._fence.handle.read()
 
     def close(self) -> None:
         self.run(self._kernels.clear)
-        self._fence_target = None
+        self._fence_target.release()
         self._fence.release()
 
 
