@@ -51,16 +51,27 @@ def reason_against_rendering(context: bpy.types.Context) -> str | None:
         return "Blender is rendering"
     if scene.camera is None:
         return "The scene has no camera: add one, or make one the active camera"
-    if not any(item.type == "LIGHT" for item in scene.objects) and not any(item.instance_collection for item in scene.objects):
+    has_light = any(item.type == "LIGHT" or item.instance_collection is not None for item in scene.objects)
+    if not has_light and not scene.vir.use_reflections:
         return "The scene has no light"
     return None
 
 
-def redraw(context: bpy.types.Context) -> None:
-    """Show the panels again, and images that have changed."""
+def redraw_panels(context: bpy.types.Context) -> None:
+    """Not the 3D view itself, which may take long."""
     for window in context.window_manager.windows:
         for area in window.screen.areas:
-            if area.type in ("VIEW_3D", "PROPERTIES", "IMAGE_EDITOR", "NODE_EDITOR"):
+            for region in area.regions:
+                if (area.type, region.type) in (("VIEW_3D", "UI"), ("PROPERTIES", "WINDOW")):
+                    region.tag_redraw()
+
+
+def redraw_images(context: bpy.types.Context) -> None:
+    """Wherever passes may be seen, and the panels."""
+    redraw_panels(context)
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type in ("IMAGE_EDITOR", "NODE_EDITOR"):
                 area.tag_redraw()
 
 
@@ -90,7 +101,7 @@ class VIR_OT_plan(_Reporting, bpy.types.Operator):
             plan_frame(context.scene)
         except Exception as error:
             return self.tell(context.scene, error)
-        redraw(context)
+        redraw_images(context)
         return {"FINISHED"}
 
 
@@ -106,6 +117,7 @@ class VIR_OT_render(_Reporting, bpy.types.Operator):
     _render: SteppedRender
     _timer: Any
     _start: float
+    _shown: str
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -141,7 +153,7 @@ class VIR_OT_render(_Reporting, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def _begin(self, scene: bpy.types.Scene) -> None:
-        self._start = time.perf_counter()
+        self._start, self._shown = time.perf_counter(), ""
         self._scene_uid, self._scene_name = scene.session_uid, scene.name
         jobs = plan_frame(scene)
         self._render = SteppedRender(jobs, devices.device_name(scene.vir.device))
@@ -186,8 +198,10 @@ class VIR_OT_render(_Reporting, bpy.types.Operator):
         state = self._render.state
         context.window_manager.progress_update(state.share_done)
         text = status_text(self._render)
-        context.workspace.status_text_set(lambda header, _: header.layout.label(text=text, icon="RENDER_STILL"))
-        redraw(context)
+        if text != self._shown:
+            self._shown = text
+            context.workspace.status_text_set(lambda header, _: header.layout.label(text=text, icon="RENDER_STILL"))
+            redraw_panels(context)
 
     def _end(self, context: bpy.types.Context) -> None:
         frame_state.forget_running(self._render)
@@ -195,7 +209,7 @@ class VIR_OT_render(_Reporting, bpy.types.Operator):
         context.window_manager.progress_end()
         if context.workspace is not None:
             context.workspace.status_text_set(None)
-        redraw(context)
+        redraw_images(context)
 
 
 def status_text(render: SteppedRender) -> str:
@@ -248,7 +262,7 @@ class VIR_OT_add_to_compositor(_Reporting, bpy.types.Operator):
             self.report({"WARNING"}, "VIR: the node is there, but Use Nodes is off in the compositor")
         else:
             self.report({"INFO"}, f"VIR: {len(made.added)} outputs added to the node {made.node.label!r}")
-        redraw(context)
+        redraw_images(context)
         return {"FINISHED"}
 
 
