@@ -7,11 +7,12 @@ from typing import Any
 import bpy
 
 from . import devices, frame_hook, frame_state, operators, panels, presets, properties
+from .preview import interface
 
 CLI_COMMAND = "vir"
 """`blender --command vir render scene.blend ...` is `python -m vir_addon render scene.blend ...`"""
 
-CLASSES = (*operators.CLASSES, *presets.CLASSES, *panels.CLASSES)
+CLASSES = (*operators.CLASSES, *presets.CLASSES, *panels.CLASSES, *interface.CLASSES)
 
 _handles: list[Any] = []
 """what `unregister` gives back"""
@@ -25,6 +26,7 @@ def register() -> None:
     bpy.utils.register_preset_path(presets.search_path())
     bpy.app.handlers.load_pre.append(_forget_file)
     bpy.app.handlers.frame_change_post.append(frame_hook.render_frame)
+    interface.register()
     _handles.append(bpy.utils.register_cli_command(CLI_COMMAND, run_command))
 
 
@@ -34,6 +36,7 @@ def unregister() -> None:
         return
     while _handles:
         bpy.utils.unregister_cli_command(_handles.pop())
+    interface.unregister()
     bpy.app.handlers.frame_change_post.remove(frame_hook.render_frame)
     bpy.app.handlers.load_pre.remove(_forget_file)
     bpy.utils.unregister_preset_path(presets.search_path())

@@ -59,6 +59,14 @@ def _items(choices: tuple[tuple[Any, str, str, int], ...]) -> tuple[tuple[str, s
     return tuple((choice.value.upper(), label, tooltip, number) for choice, label, tooltip, number in choices)
 
 
+def _redraw_viewports(_: Any, context: bpy.types.Context) -> None:
+    """The preview looks at its settings whenever a viewport is drawn."""
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+
+
 def _get_quality(group: VIR_SceneSettings) -> float:
     return quality_of_views(group.view_count)
 
@@ -241,11 +249,31 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
     )
 
     use_preview: bpy.props.BoolProperty(
-        name="Preview", description="Show the passes over the 3D viewport and refine them while nothing moves", default=False
+        name="Preview",
+        description="Show the passes over the 3D viewport and refine them while nothing moves",
+        default=False,
+        update=_redraw_viewports,
+    )
+    preview_display: bpy.props.EnumProperty(
+        name="Display",
+        description="How the preview shows its passes",
+        items=(
+            ("MULTIPLY", "Multiplied", "Darken the viewport where there is shadow", 0),
+            ("PASS", "Pass", "The pass itself in grey: white is lit, black is shadow", 1),
+        ),
+        default="MULTIPLY",
+        update=_redraw_viewports,
+    )
+    preview_light: bpy.props.PointerProperty(
+        name="Light",
+        description="The light whose pass the preview shows. Empty: all lights together",
+        type=bpy.types.Object,
+        poll=lambda _, candidate: candidate.type == "LIGHT",
+        update=_redraw_viewports,
     )
     preview_slice_ms: bpy.props.FloatProperty(
         name="Time Slice",
-        description="Milliseconds that the preview may take from Blender at a time. 30 suits a GPU, 300 a software rasterizer",
+        description="Milliseconds that the preview may take from Blender at a time. If not set, 30 on a GPU and 300 without one",
         default=30.0,
         min=5.0,
         max=2000.0,

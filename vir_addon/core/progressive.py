@@ -51,7 +51,7 @@ class ProgressiveRender:
         self.plan: RenderPlan | None = None
         self.standing = Standing()
         self.slowest_step_ms = 0.0
-        """since the last change, steps left out in which a kernel was compiled"""
+        """of batches since the last change; steps in which a kernel was compiled do not count"""
         self._renderer: Renderer | None = None
         self._steps: Steps | None = None
         self._pending: Future[Any] | None = None
@@ -59,7 +59,7 @@ class ProgressiveRender:
         self._drawn: tuple[str | None, int] | None = None
         """light and number of batches of what is in the picture"""
         self._batches_done = 0
-        self._is_between_batches = False
+        self._is_rendering = self._is_between_batches = False
 
     @property
     def is_done(self) -> bool:
@@ -77,6 +77,7 @@ class ProgressiveRender:
         self.snapshot, self.settings = snapshot, settings
         self.standing = Standing()
         self.slowest_step_ms, self._batches_done, self._is_between_batches, self._drawn = 0.0, 0, False, None
+        self._is_rendering = False
         self._steps = self._working(snapshot, settings)
 
     def advance(self, budget_s: float) -> bool:
@@ -117,7 +118,8 @@ class ProgressiveRender:
         took_s = time.perf_counter() - start
         if self.device.kernel_count == kernel_count:
             self._recent_s.append(took_s)
-            self.slowest_step_ms = max(self.slowest_step_ms, took_s * 1e3)
+            if self._is_rendering:
+                self.slowest_step_ms = max(self.slowest_step_ms, took_s * 1e3)
         if has_ended:
             self._steps = None
         elif host_work is not None:
@@ -135,6 +137,7 @@ class ProgressiveRender:
         yield None
         yield from renderer.preparing()
         # lights that are shared may be through with all batches but the last, which has to be drawn
+        self._is_rendering = True
         first = min((work.batches_done for work in renderer.works), default=0)
         for batch in range(min(first, render_plan.batch_count - 1), render_plan.batch_count):
             self._is_between_batches = False

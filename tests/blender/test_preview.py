@@ -1,0 +1,236 @@
+"""The preview of a viewport without a window: follows the scene, reads only what has changed, ends where a render ends."""
+
+import contextlib
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from vir_addon.blender.extract import snapshot  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.blender.mesh_cache import MeshCache  # noqa: E402
+from vir_addon.blender.preview.viewport import LEVELS, ViewportPreview  # noqa: E402
+from vir_addon.blender.viewport_view import viewport_view  # noqa: E402
+from vir_addon.core.errors import SceneError, UsageError  # noqa: E402
+from vir_addon.core.passes.accumulate import pass_image  # noqa: E402
+from vir_addon.core.plan import plan  # noqa: E402
+from vir_addon.core.render import render  # noqa: E402
+from vir_addon.core.settings import Method, Settings  # noqa: E402
+from vir_addon.device.open import open_device  # noqa: E402
+
+SIZE = (64, 40)
+SETTINGS = Settings(view_count=8, map_resolution_px=128)
+FOREVER_S, NO_TIME_S = 600.0, 1e-9
+
+
+@pytest.fixture(scope="module")
+def device():
+    if bpy.app.version < (5, 2):
+        pytest.skip("before 5.2 Blender has no GPU in background")
+    opened = open_device("gpu")
+    yield opened
+    opened.close()
+
+
+@pytest.fixture(scope="module")
+def executor():
+    with ThreadPoolExecutor(1) as made:
+        yield made
+
+
+def view_from(x: float = 0.0):
+    """From 8 m before the origin and 4 m up, as a region would say it."""
+    from mathutils import Vector
+
+    eye = Vector((x, -8.0, 4.0))
+    world_from_view = (-eye).to_track_quat("-Z", "Y").to_matrix().to_4x4()
+    world_from_view.translation = eye
+    projection = np.diag([2.0, 2.0 * SIZE[0] / SIZE[1], -1.002, 0.0])
+    projection[2, 3], projection[3, 2] = -0.2, -1.0
+    return viewport_view(np.linalg.inv(np.array(world_from_view)), projection, *SIZE)
+
+
+@pytest.fixture
+def still_life(scene, add):
+    add.mesh("Floor", [(-5, -5, 0), (5, -5, 0), (5, 5, 0), (-5, 5, 0)], [(0, 1, 2, 3)])
+    add.cube("Cube", location=(0, 0, 1))
+    add.light("Key", location=(1, -1, 5), data={"size": 1.0})
+    add.light("Fill", "POINT", location=(-2, -1, 4), data={"shadow_soft_size": 0.2})
+    return scene
+
+
+@pytest.fixture
+def preview(device, executor, still_life):
+    """Told of updates as the running preview is."""
+    made = ViewportPreview(device, executor, MeshCache())
+    made.level_index = 0
+
+    def note(scene, depsgraph):
+        made.cache.note_updates(depsgraph)
+        made.note_change()
+
+    bpy.app.handlers.depsgraph_update_post.append(note)
+    made.look(view_from())
+    with contextlib.closing(made):
+        yield made
+    bpy.app.handlers.depsgraph_update_post.remove(note)
+
+
+def finish(preview, settings=SETTINGS, budget_s=FOREVER_S) -> int:
+    """Returns how many slices it took."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    for slices in range(1, 2000):
+        preview.advance(depsgraph, settings, budget_s)
+        if preview.is_done:
+            return slices
+        if preview.render.is_waiting:
+            time.sleep(1e-3)
+    raise AssertionError("it does not end")
+
+
+def shown(preview) -> np.ndarray:
+    texels = preview.render.device.read(preview.picture).astype(np.float64)
+    return pass_image(texels[..., 0], texels[..., 1], texels[..., 2])
+
+
+def rendered(device, view, settings=SETTINGS) -> np.ndarray:
+    """From nothing."""
+    taken = snapshot(bpy.context.evaluated_depsgraph_get(), view=view)
+    for progress in render(taken, plan(taken, settings), device):
+        last = progress
+    return last.passes["VIR Shadow"]
+
+
+def check(preview, device, view, settings=SETTINGS) -> np.ndarray:
+    image = shown(preview)
+    np.testing.assert_allclose(image, rendered(device, view, settings), atol=1e-6)
+    assert 0.02 < (image < 0.9).mean() < 0.98
+    return image
+
+
+def test_it_shows_what_a_render_of_the_view_shows(preview, device):
+    finish(preview)
+    check(preview, device, view_from())
+
+
+def test_it_follows_light_object_and_view(preview, device):
+    finish(preview)
+    first = check(preview, device, view_from())
+    bpy.data.objects["Key"].location.x = -3.0
+    finish(preview)
+    second = check(preview, device, view_from())
+    bpy.data.objects["Cube"].location.x = 1.0
+    finish(preview)
+    third = check(preview, device, view_from())
+    preview.look(view_from(3.0))
+    finish(preview)
+    fourth = check(preview, device, view_from(3.0))
+    bpy.data.objects["Cube"].data.vertices[0].co.x = -4.0
+    bpy.data.objects["Cube"].data.update()
+    finish(preview)
+    fifth = check(preview, device, view_from(3.0))
+    for before, after in ((first, second), (second, third), (third, fourth), (fourth, fifth)):
+        assert np.abs(before - after).max() > 0.1
+    # floor and cube, and the cube when its own vertices moved
+    assert preview.cache.read_count == 3
+
+
+def test_nothing_of_another_view_is_shown(preview):
+    finish(preview)
+    assert preview.picture is not None
+    preview.look(view_from(3.0))
+    assert preview.picture is None and not preview.is_done
+    finish(preview)
+    assert preview.picture is not None
+
+
+def test_the_last_picture_stays_until_there_is_another(preview):
+    """While a light is dragged; flicker would be worse than a shadow that is a moment old."""
+    finish(preview)
+    before = shown(preview)
+    bpy.data.objects["Key"].location.x = -3.0
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    assert not preview.advance(depsgraph, SETTINGS, NO_TIME_S)
+    np.testing.assert_array_equal(shown(preview), before)
+
+
+def test_what_changes_nothing_starts_nothing(preview):
+    finish(preview)
+    bpy.data.objects["Cube"].select_set(True)
+    bpy.data.objects["Key"].location.x = bpy.data.objects["Key"].location.x
+    bpy.context.view_layer.update()
+    preview.look(view_from())
+    assert finish(preview) <= 1
+    assert preview.render.standing.views_done == 16
+
+
+def test_another_setting(preview, device):
+    finish(preview)
+    more = replace(SETTINGS, view_count=16)
+    preview.advance(bpy.context.evaluated_depsgraph_get(), more, FOREVER_S)
+    finish(preview, more)
+    assert preview.render.standing.views_total == 32
+    check(preview, device, view_from(), more)
+
+
+def test_slices_without_any_time(preview, device):
+    """One mesh, or one step, at a time."""
+    preview.level_index = len(LEVELS) - 1
+    slices = finish(preview, budget_s=NO_TIME_S)
+    assert slices > 20
+    coarse = replace(view_from(), width_px=8, height_px=5)
+    np.testing.assert_allclose(shown(preview), rendered(device, coarse, replace(SETTINGS, batch_view_count=1)), atol=1e-6)
+
+
+def test_steps_that_take_too_long_make_it_coarser_and_time_left_finer(preview):
+    preview.level_index = 2
+    finish(preview)
+    assert preview.level_index == 0 and preview.render.picture.width == SIZE[0]
+    assert preview.render.standing.views_done == 16
+    finish(preview, budget_s=NO_TIME_S)
+    assert preview.level_index == len(LEVELS) - 1
+    assert preview.picture.width == SIZE[0] // 8
+
+
+def test_a_light_that_is_deleted_halfway(preview, device):
+    preview.render.light_name = "Fill"
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    for _ in range(8):
+        preview.advance(depsgraph, SETTINGS, NO_TIME_S)
+    bpy.data.objects.remove(bpy.data.objects["Fill"])
+    finish(preview)
+    assert preview.picture is None
+    preview.render.light_name = None
+    finish(preview)
+    check(preview, device, view_from())
+
+
+def test_what_cannot_be_shown(preview, device):
+    finish(preview)
+    lights = [bpy.data.objects["Key"], bpy.data.objects["Fill"]]
+    for light in lights:
+        light.hide_render = True
+    with pytest.raises(SceneError, match="no light"):
+        finish(preview)
+    assert finish(preview) <= 1
+    lights[0].hide_render = False
+    finish(preview)
+    check(preview, device, view_from())
+    with pytest.raises(UsageError, match="vwss"):
+        preview.advance(bpy.context.evaluated_depsgraph_get(), replace(SETTINGS, method=Method.VWSS), FOREVER_S)
+        finish(preview, replace(SETTINGS, method=Method.VWSS))
+    finish(preview)
+    check(preview, device, view_from())
+
+
+def test_a_scene_without_camera_and_an_empty_one(preview, device):
+    bpy.context.scene.camera = None
+    finish(preview)
+    check(preview, device, view_from())
+    for name in ("Floor", "Cube"):
+        bpy.data.objects.remove(bpy.data.objects[name])
+    finish(preview)
+    assert preview.render.standing.views_total == 0

@@ -1,0 +1,80 @@
+"""Where the preview is switched on: the viewport's header, its overlays' menu, and a panel beside the others."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from . import running
+
+
+class VIR_OT_preview(bpy.types.Operator):
+    """Show the passes over the 3D viewport, or stop showing them"""
+
+    bl_idname = "vir.preview"
+    bl_label = "Preview Passes"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if bpy.app.background:
+            cls.poll_message_set("There is no viewport in background")
+            return False
+        return context.scene is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        wishes = context.scene.vir
+        wishes.use_preview = not wishes.use_preview
+        return {"FINISHED"}
+
+
+class VIR_PT_preview(bpy.types.Panel):
+    """What the preview shows, and how far it is"""
+
+    bl_label = "Preview"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "VIR"
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        self.layout.prop(context.scene.vir, "use_preview", text="")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, wishes = self.layout, context.scene.vir
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column()
+        column.active = wishes.use_preview
+        column.prop(wishes, "preview_display")
+        column.prop(wishes, "preview_light")
+        column.prop(wishes, "preview_slice_ms")
+        if wishes.use_preview and not context.space_data.overlay.show_overlays:
+            layout.label(text="This viewport shows no overlays", icon="INFO")
+
+
+def _draw_in_header(self: Any, context: bpy.types.Context) -> None:
+    self.layout.operator("vir.preview", text="", icon="SHADING_TEXTURE", depress=context.scene.vir.use_preview)
+
+
+def _draw_in_overlays(self: Any, context: bpy.types.Context) -> None:
+    column = self.layout.column()
+    column.active = context.space_data.overlay.show_overlays
+    column.label(text="VIR")
+    row = column.row()
+    row.prop(context.scene.vir, "use_preview", text="Shadow Passes")
+    row.prop(context.scene.vir, "preview_display", text="")
+
+
+CLASSES = (VIR_OT_preview, VIR_PT_preview)
+
+
+def register() -> None:
+    bpy.types.VIEW3D_HT_header.append(_draw_in_header)
+    bpy.types.VIEW3D_PT_overlay.append(_draw_in_overlays)
+    running.register()
+
+
+def unregister() -> None:
+    running.unregister()
+    bpy.types.VIEW3D_PT_overlay.remove(_draw_in_overlays)
+    bpy.types.VIEW3D_HT_header.remove(_draw_in_header)

@@ -1,0 +1,68 @@
+"""Draws a picture over the viewport, within Blender's own drawing of it. The picture stays on the device all the time."""
+
+from __future__ import annotations
+
+import blf
+import bpy
+import gpu
+
+from ...device.blender_gpu_device import BlenderTexture
+from ...device.interface import Texture
+from ...device.shader_source import load
+
+
+class Overlay:
+    """Make it, draw with it and let go of it on Blender's main thread."""
+
+    def __init__(self) -> None:
+        info = gpu.types.GPUShaderCreateInfo()
+        info.sampler(0, "FLOAT_2D", "picture")
+        for name in ("picture_size", "viewport_size", "viewport_origin"):
+            info.push_constant("VEC2", name)
+        info.push_constant("INT", "multiplies")
+        info.vertex_in(0, "VEC2", "corner")
+        info.fragment_out(0, "VEC4", "overlaid")
+        info.vertex_source(load("overlay.vert.glsl"))
+        info.fragment_source(load("overlay.frag.glsl"))
+        self._shader = gpu.shader.create_from_info(info)
+        vertex_format = gpu.types.GPUVertFormat()
+        vertex_format.attr_add(id="corner", comp_type="F32", len=2, fetch_mode="FLOAT")
+        corners = gpu.types.GPUVertBuf(vertex_format, 3)
+        corners.attr_fill("corner", [(-1.0, -1.0), (3.0, -1.0), (-1.0, 3.0)])
+        self._triangle = gpu.types.GPUBatch(type="TRIS", buf=corners)
+
+    def draw(self, picture: Texture, *, multiplies: bool) -> None:
+        """Over all of the current viewport. multiplies: darken what is there; otherwise the pass itself, in grey, covers it"""
+        assert isinstance(picture, BlenderTexture)
+        left, bottom, width, height = gpu.state.viewport_get()
+        state = gpu.state
+        before = state.blend_get(), state.depth_test_get(), state.depth_mask_get()
+        try:
+            state.blend_set("ALPHA")
+            state.depth_test_set("NONE")
+            state.depth_mask_set(False)
+            self._shader.bind()
+            self._shader.uniform_sampler("picture", picture.handle)
+            self._shader.uniform_float("picture_size", (picture.width, picture.height))
+            self._shader.uniform_float("viewport_size", (width, height))
+            self._shader.uniform_float("viewport_origin", (left, bottom))
+            self._shader.uniform_int("multiplies", int(multiplies))
+            self._triangle.draw(self._shader)
+        finally:
+            state.blend_set(before[0])
+            state.depth_test_set(before[1])
+            state.depth_mask_set(before[2])
+
+
+def draw_text(context: bpy.types.Context, text: str) -> None:
+    """A line at the lower left of the current viewport, beside what lies over it."""
+    scale = context.preferences.system.ui_scale
+    covered = [region.width for region in context.area.regions if region.type == "TOOLS" and region.width > 1]
+    font = 0
+    blf.size(font, 11 * scale)
+    blf.enable(font, blf.SHADOW)
+    blf.shadow(font, 6, 0.0, 0.0, 0.0, 1.0)  # an outline: a pass may be white
+    blf.color(font, 1.0, 1.0, 1.0, 1.0)
+    blf.position(font, max(covered, default=0) + 20 * scale, 20 * scale, 0)
+    blf.draw(font, text)
+    blf.disable(font, blf.SHADOW)

@@ -1,0 +1,350 @@
+"""All previews of all windows: Blender tells of redraws and changes, a timer gives each viewport its slices of time.
+
+Whether there is a preview follows from the scene's switch alone, which is looked at whenever Blender draws a viewport; so it does not
+matter who turns it, a button, undoing or opening a file. What lives here goes when the last viewport with a preview has gone.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...core.errors import VirError
+from ...core.settings import Settings
+from .. import devices
+from ..mesh_cache import MeshCache
+from ..properties import settings_of
+from ..render_depsgraph import is_evaluating
+from ..viewport_view import ViewportView, viewport_view
+from .overlay import Overlay, draw_text
+from .viewport import ViewportPreview, is_same_view
+
+WAIT_S = 0.01
+"""for what happens on another thread"""
+SOFTWARE_BUDGET_S = 0.3
+IDLE_S = 0.5
+"""between looks whether the viewports are still there"""
+
+LayerKey = tuple[int, str]
+"""session_uid of a scene, name of a view layer"""
+
+
+@dataclass
+class Shown:
+    """A viewport with a preview."""
+
+    layer: LayerKey
+    view: ViewportView
+    preview: ViewportPreview | None = None
+    """made when it is first given time"""
+    problem: str = ""
+    """in words for the viewport"""
+    is_stuck: bool = False
+    """until something changes"""
+    stuck_settings: Settings | None = None
+
+    @property
+    def is_busy(self) -> bool:
+        return not self.is_stuck and (self.preview is None or not self.preview.is_done)
+
+    @property
+    def is_waiting(self) -> bool:
+        return self.preview is not None and self.preview.render.is_waiting
+
+
+@dataclass
+class _Running:
+    caches: dict[LayerKey, MeshCache] = field(default_factory=dict)
+    viewports: dict[int, Shown] = field(default_factory=dict)
+    """address of a region -> what it shows"""
+    overlay: Overlay | None = None
+    executor: ThreadPoolExecutor | None = None
+    turn: int = 0
+    """of the viewports, one is served a tick"""
+    is_in_tick: bool = False
+    is_woken: bool = False
+
+
+_running = _Running()
+_draw_handles: list[Any] = []
+
+
+def register() -> None:
+    # in background no viewport is ever drawn
+    if not bpy.app.background:
+        _draw_handles.append(bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_PIXEL"))
+
+
+def unregister() -> None:
+    stop()
+    while _draw_handles:
+        bpy.types.SpaceView3D.draw_handler_remove(_draw_handles.pop(), "WINDOW")
+
+
+def stop() -> None:
+    """End all previews and free what they hold, on the device and of Blender's."""
+    for address in list(_running.viewports):
+        _forget(address)
+    if bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.unregister(_tick)
+    for handlers, function in _HANDLERS:
+        if function in handlers:
+            handlers.remove(function)
+    if _running.executor is not None:
+        _running.executor.shutdown(wait=False, cancel_futures=True)
+    _running.executor = _running.overlay = None
+
+
+def _start() -> None:
+    """Once there is a viewport with a preview."""
+    if _running.executor is None:
+        _running.executor = ThreadPoolExecutor(1, thread_name_prefix="vir-preview")
+    for handlers, function in _HANDLERS:
+        if function not in handlers:
+            handlers.append(function)
+
+
+def _wake() -> None:
+    """Have the timer come at once."""
+    if _running.is_in_tick:
+        _running.is_woken = True
+        return
+    if bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.unregister(_tick)
+    bpy.app.timers.register(_tick, first_interval=0.0, persistent=True)
+
+
+def _forget(address: int) -> None:
+    shown = _running.viewports.pop(address, None)
+    if shown is not None and shown.preview is not None:
+        shown.preview.close()
+    used = {each.layer for each in _running.viewports.values()}
+    _running.caches = {layer: cache for layer, cache in _running.caches.items() if layer in used}
+
+
+# drawing
+
+
+def _draw() -> None:
+    """In every viewport after Blender's own drawing."""
+    context = bpy.context
+    try:
+        _draw_region(context)
+    except Exception as error:
+        shown = _running.viewports.get(context.region.as_pointer())
+        if shown is not None:
+            _give_up(shown, error)
+
+
+def _draw_region(context: bpy.types.Context) -> None:
+    scene, region, space = context.scene, context.region, context.space_data
+    address = region.as_pointer()
+    if not (scene.vir.use_preview and space.overlay.show_overlays):
+        if address in _running.viewports:
+            _forget(address)
+            _wake()
+        return
+    view = _view_of(region, space, context.region_data, context.view_layer)
+    if view is None:
+        return
+    shown = _look(address, (scene.session_uid, context.view_layer.name), view)
+    preview = shown.preview
+    if preview is not None:
+        light = scene.vir.preview_light
+        preview.render.light_name = None if light is None else light.name
+        if shown.is_busy:
+            _wake()
+    if preview is not None and preview.picture is not None and not shown.problem:
+        if _running.overlay is None:
+            _running.overlay = Overlay()
+        _running.overlay.draw(preview.picture, multiplies=scene.vir.preview_display == "MULTIPLY")
+    draw_text(context, status_text(shown))
+
+
+def _view_of(region: Any, space: Any, region_3d: Any, view_layer: Any) -> ViewportView | None:
+    hidden_uids: frozenset[int] = frozenset()
+    if space.local_view is not None or space.use_local_collections:
+        hidden_uids = frozenset(one.session_uid for one in view_layer.objects if not one.visible_in_viewport_get(space))
+    matrices = np.array(region_3d.view_matrix), np.array(region_3d.window_matrix)
+    return viewport_view(*matrices, region.width, region.height, hidden_uids)
+
+
+def _look(address: int, layer: LayerKey, view: ViewportView) -> Shown:
+    shown = _running.viewports.get(address)
+    if shown is None or shown.layer != layer:
+        _forget(address)
+        _start()
+        shown = _running.viewports[address] = Shown(layer, view)
+        _wake()
+    elif not is_same_view(view, shown.view):
+        shown.view, shown.is_stuck = view, False
+    if shown.preview is not None:
+        shown.preview.look(shown.view)
+    return shown
+
+
+def status_text(shown: Shown) -> str:
+    """What a viewport says of its preview."""
+    if shown.problem:
+        return f"VIR: {shown.problem}"
+    if shown.preview is None or shown.preview.render.plan is None:
+        return "VIR: reading the scene"
+    standing = shown.preview.render.standing
+    if not standing.views_total:
+        return "VIR: preparing" if not shown.preview.is_done else "VIR: no light has a pass to show"
+    error = f"error {standing.error_estimate:.3f}" if standing.error_estimate < 1 else "error unknown"
+    size = shown.preview.level.pixel_size
+    coarse = f", 1/{size} resolution" if size > 1 else ""
+    return f"VIR: {standing.views_done} of {standing.views_total} views, {error}, {standing.busy_ms:.0f} ms{coarse}"
+
+
+# time
+
+
+def _tick() -> float | None:
+    """A slice for one viewport that has something to do. When to come again, None: never."""
+    _running.is_in_tick, _running.is_woken = True, False
+    try:
+        interval_s = _serve_next()
+    finally:
+        _running.is_in_tick = False
+    if not _running.viewports:
+        stop()
+        return None
+    return 0.0 if _running.is_woken else interval_s
+
+
+def _serve_next() -> float:
+    regions = _viewport_regions()
+    for address in [address for address in _running.viewports if address not in regions]:
+        _forget(address)
+    if bpy.app.is_job_running("RENDER") or is_evaluating():
+        return IDLE_S
+    addresses = list(_running.viewports)
+    busy = [address for address in addresses if _running.viewports[address].is_busy]
+    # the others are looked at as well, now and then: settings may have changed
+    served = busy[_running.turn % len(busy) :][:1] if busy else addresses
+    _running.turn += 1
+    for address in served:
+        if address in _running.viewports:
+            _serve(address, _running.viewports[address], regions[address])
+    left = [shown for shown in _running.viewports.values() if shown.is_busy]
+    if not left:
+        return IDLE_S
+    return WAIT_S if all(shown.is_waiting for shown in left) else 0.0
+
+
+def _serve(address: int, shown: Shown, region: bpy.types.Region) -> None:
+    scene, view_layer = _find_layer(shown.layer)
+    if scene is None or view_layer is None or not scene.vir.use_preview:
+        _forget(address)
+        region.tag_redraw()
+        return
+    before = shown.problem
+    try:
+        has_changed = _advance(shown, scene, view_layer)
+        shown.problem = "" if not shown.is_stuck else before
+    except Exception as error:
+        has_changed = True
+        _give_up(shown, error)
+    if has_changed or shown.problem != before:
+        region.tag_redraw()
+
+
+def _give_up(shown: Shown, error: Exception) -> None:
+    """Until something changes."""
+    if not isinstance(error, VirError):
+        traceback.print_exception(error)
+    shown.problem = str(error) if isinstance(error, VirError) else f"internal error, see the console: {type(error).__name__}: {error}"
+    shown.is_stuck = True
+
+
+def _advance(shown: Shown, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> bool:
+    settings = settings_of(scene)
+    if shown.is_stuck and settings == shown.stuck_settings:
+        return False
+    shown.is_stuck, shown.stuck_settings = False, settings
+    device = devices.get_device("gpu")
+    if shown.preview is None:
+        assert _running.executor is not None
+        cache = _running.caches.setdefault(shown.layer, MeshCache())
+        shown.preview = ViewportPreview(device, _running.executor, cache)
+        shown.preview.look(shown.view)
+    depsgraph = view_layer.depsgraph
+    if depsgraph is None:
+        return False
+    if shown.preview.must_read:
+        # a script may have removed what the graph still shows
+        depsgraph.update()
+    return shown.preview.advance(depsgraph, settings, budget_s(scene, shown.preview))
+
+
+def budget_s(scene: bpy.types.Scene, preview: ViewportPreview) -> float:
+    """What the artist has set, otherwise what suits the device."""
+    if scene.vir.is_property_set("preview_slice_ms"):
+        return float(scene.vir.preview_slice_ms) * 1e-3
+    return SOFTWARE_BUDGET_S if preview.is_on_software else scene.vir.preview_slice_ms * 1e-3
+
+
+def _viewport_regions() -> dict[int, bpy.types.Region]:
+    """Address -> region, of all viewports there are now. Addresses of those that have gone must not be looked at."""
+    windows = bpy.context.window_manager.windows
+    areas = (area for window in windows for area in window.screen.areas if area.type == "VIEW_3D")
+    return {region.as_pointer(): region for area in areas for region in area.regions if region.type == "WINDOW"}
+
+
+def _find_layer(layer: LayerKey) -> tuple[bpy.types.Scene | None, bpy.types.ViewLayer | None]:
+    scene = next((scene for scene in bpy.data.scenes if scene.session_uid == layer[0]), None)
+    return scene, None if scene is None else scene.view_layers.get(layer[1])
+
+
+# changes
+
+
+def _note_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """After the evaluation of any scene's view layer. Renders evaluate their own, on their own thread."""
+    if depsgraph is None or depsgraph.mode != "VIEWPORT":
+        return
+    layer = (scene.session_uid, depsgraph.view_layer.name)
+    if layer in _running.caches:
+        _running.caches[layer].note_updates(depsgraph)
+    _note_change({layer})
+
+
+def _note_change(layers: set[LayerKey]) -> None:
+    changed = [shown for shown in _running.viewports.values() if shown.layer in layers]
+    for shown in changed:
+        shown.is_stuck, shown.stuck_settings = False, None
+        if shown.preview is not None:
+            shown.preview.note_change()
+    if changed:
+        _wake()
+
+
+def _note_undo(*_: Any) -> None:
+    """Everything in the file has been replaced."""
+    for cache in _running.caches.values():
+        cache.forget()
+    _note_change({shown.layer for shown in _running.viewports.values()})
+
+
+def _note_load(*_: Any) -> None:
+    stop()
+
+
+for _function in (_note_update, _note_undo, _note_load):
+    bpy.app.handlers.persistent(_function)
+
+_HANDLERS: tuple[tuple[list[Any], Callable[..., None]], ...] = (
+    (bpy.app.handlers.depsgraph_update_post, _note_update),
+    (bpy.app.handlers.frame_change_post, _note_update),
+    (bpy.app.handlers.undo_post, _note_undo),
+    (bpy.app.handlers.redo_post, _note_undo),
+    (bpy.app.handlers.load_pre, _note_load),
+)

@@ -1,0 +1,164 @@
+"""The preview of one viewport, without any window: reads the scene from its viewport depsgraph and makes the picture in slices.
+
+How fine the picture is follows from what its steps take: each level is coarser than the one before, down to where a step fits the
+budget, and up again where there is room.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import bpy
+import numpy as np
+
+from ...core.progressive import ProgressiveRender
+from ...core.scene import SceneSnapshot, has_same_picture, is_same_light
+from ...core.settings import Effect, Settings
+from ...device.interface import Device, Texture
+from ..extract import snapshot
+from ..mesh_cache import MeshCache, OutOfTimeError
+from ..viewport_view import ViewportView
+
+SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swiftshader", "software")
+ROOM_SHARE = 0.25
+"""Steps that take less of the budget leave room for a finer level, whose steps take up to four times as long."""
+
+
+@dataclass(frozen=True)
+class Level:
+    pixel_size: int
+    """pixels of the viewport along the side of one of the picture's"""
+    map_resolution_px: int
+    """at most"""
+    batch_view_count: int
+
+
+LEVELS = (Level(1, 8192, 8), Level(2, 1024, 8), Level(2, 512, 4), Level(4, 512, 2), Level(4, 256, 1), Level(8, 128, 1))
+FIRST_LEVEL, FIRST_LEVEL_OF_SOFTWARE = 0, 3
+
+
+class ViewportPreview:
+    """Tell it where the viewport looks and when the scene has changed; `advance` does the rest."""
+
+    def __init__(self, device: Device, executor: Executor, cache: MeshCache) -> None:
+        """cache: of the view layer that the viewport shows"""
+        self.render = ProgressiveRender(device, executor)
+        self.cache = cache
+        self.view: ViewportView | None = None
+        self.read_ms = 0.0
+        """that reading the scene took last"""
+        self.is_on_software = any(name in device.description.lower() for name in SOFTWARE_RENDERERS)
+        self.level_index = FIRST_LEVEL_OF_SOFTWARE if self.is_on_software else FIRST_LEVEL
+        self._finest_index = 0
+        """levels before this one were found too slow"""
+        self.must_read = True
+        """the scene, when it is next given time"""
+        self._read_view: ViewportView | None = None
+        """of the snapshot that is rendered"""
+        self._picture_view: ViewportView | None = None
+        self._wanted: Settings | None = None
+        self._budget_s = 0.0
+
+    @property
+    def level(self) -> Level:
+        return LEVELS[self.level_index]
+
+    @property
+    def is_done(self) -> bool:
+        return self.view is None or (not self.must_read and self._read_view is self.view and self.render.is_done)
+
+    @property
+    def picture(self) -> Texture | None:
+        """Of what the viewport looks at now, or nothing."""
+        return self.render.picture if self.render.picture_of is not None and self._picture_view is self.view else None
+
+    def look(self, view: ViewportView) -> None:
+        """From there, in the viewport's own resolution."""
+        if self.view is None or not is_same_view(view, self.view):
+            self.must_read |= self.view is None or view.hidden_uids != self.view.hidden_uids
+            self.view = view
+
+    def note_change(self) -> None:
+        """Anything in the scene may be different from now on."""
+        self.must_read = True
+
+    def advance(self, depsgraph: bpy.types.Depsgraph, settings: Settings, budget_s: float) -> bool:
+        """Work for about so long; whether there is another picture. Raises VirError, after which nothing is done until something changes.
+
+        depsgraph: evaluated, of the viewport
+        """
+        start = time.perf_counter()
+        if self.view is None:
+            return False
+        if (settings, budget_s) != (self._wanted, self._budget_s):
+            self._wanted, self._budget_s, self._finest_index, self._read_view = settings, budget_s, 0, None
+        if self.must_read or self._read_view is not self.view:
+            try:
+                self._show(depsgraph, self.view, settings, budget_s)
+            except OutOfTimeError:
+                self.must_read = True
+                return False
+        has_changed = self.render.advance(max(budget_s - (time.perf_counter() - start), 0.0))
+        if has_changed:
+            self._picture_view = self._read_view
+        self._choose_level(budget_s)
+        return has_changed
+
+    def _show(self, depsgraph: bpy.types.Depsgraph, view: ViewportView, settings: Settings, budget_s: float) -> None:
+        width_px, height_px = (math.ceil(extent / self.level.pixel_size) for extent in (view.width_px, view.height_px))
+        scaled = replace(view, width_px=width_px, height_px=height_px)
+        before = self.render.snapshot
+        must_read = self.must_read or before is None
+        # whatever happens now does not happen again before something changes
+        self.must_read, self._read_view = False, view
+        if must_read:
+            start = time.perf_counter()
+            self.cache.begin(budget_s)
+            taken = snapshot(depsgraph, view=scaled, cache=self.cache)
+            self.cache.end()
+            self.read_ms = (time.perf_counter() - start) * 1e3
+        elif before is not None:
+            camera = scaled.camera(before.world_origin_m)
+            taken = replace(before, camera=camera, width_px=scaled.width_px, height_px=scaled.height_px)
+        wanted = replace(
+            settings,
+            effects=(Effect.SHADOW,),
+            map_resolution_px=min(settings.map_resolution_px, self.level.map_resolution_px),
+            batch_view_count=min(settings.batch_view_count, self.level.batch_view_count),
+        )
+        if before is None or self.render.settings != wanted or not is_same_scene(taken, before):
+            self.render.show(taken, wanted)
+
+    def _choose_level(self, budget_s: float) -> None:
+        share = self.render.slowest_step_ms / (budget_s * 1e3)
+        chosen = self.level_index
+        if share > 1.0 and self.level_index + 1 < len(LEVELS):
+            chosen += 1
+            self._finest_index = chosen
+        elif self.render.is_done and share < ROOM_SHARE and self.level_index > self._finest_index and self.render.standing.views_total:
+            chosen -= 1
+        if chosen != self.level_index:
+            self.level_index, self._read_view = chosen, None
+
+    def close(self) -> None:
+        self.render.close()
+
+
+def is_same_view(one: ViewportView, other: ViewportView) -> bool:
+    return one is other or (
+        (one.width_px, one.height_px, one.is_orthographic, one.window, one.clip_start_m, one.clip_end_m, one.hidden_uids)
+        == (other.width_px, other.height_px, other.is_orthographic, other.window, other.clip_start_m, other.clip_end_m, other.hidden_uids)
+        and np.array_equal(one.world_from_view, other.world_from_view)
+    )
+
+
+def is_same_scene(one: SceneSnapshot, other: SceneSnapshot) -> bool:
+    """Whether both give the same passes."""
+    return (
+        has_same_picture(one, other)
+        and len(one.lights) == len(other.lights)
+        and all(is_same_light(a, b) for a, b in zip(one.lights, other.lights, strict=True))
+    )
