@@ -4,11 +4,10 @@
 // one for every pixel and round.
 #include "lib/surface_point.glsl"
 #include "lib/brdf.glsl"
-#include "lib/hash.glsl"
+#include "lib/pixel_shift.glsl"
 #include "lib/tiles.glsl"
 
 const float MIRROR_WIDTH = 1.0e-4;    // narrower lobes are mirrors: float32 could not tell their directions apart
-const float FIRST_SHARE = 1.0e-5;     // of the distance from the world's origin and from where the ray came: what is nearer is rounding
 const float TWO_PI = 6.28318531;
 
 // The normal of a facet that `view` sees; both in the surface's own space, z along its normal. place: in the unit square
@@ -24,11 +23,6 @@ vec3 visible_facet(vec3 view, float width, vec2 place) {
     disk.y = mix(sqrt(max(1.0 - disk.x * disk.x, 0.0)), disk.y, share);
     vec3 facet = disk.x * side + disk.y * up + sqrt(max(1.0 - dot(disk, disk), 0.0)) * stretched;
     return normalize(vec3(width * facet.xy, max(facet.z, 1.0e-6)));
-}
-
-// A number of this pixel's in [0, 1) for another sequence than its neighbours have.
-float shift(ivec2 pixel, uint dimension) {
-    return unit_float(pcg_hash(uint(pixel.x) ^ pcg_hash(uint(pixel.y) ^ pcg_hash(dimension))));
 }
 
 void main() {
@@ -85,7 +79,7 @@ void main() {
             vec3 aside = abs(n.z) < 0.9 ? normalize(cross(vec3(0.0, 0.0, 1.0), n)) : normalize(cross(vec3(1.0, 0.0, 0.0), n));
             vec3 up = cross(n, aside);
             vec3 view = -vec3(dot(aside, incoming), dot(up, incoming), dot(n, incoming));
-            vec2 place = fract(vec2(sample_x, sample_y) + vec2(shift(pixel, 2u * uint(bounce)), shift(pixel, 2u * uint(bounce) + 1u)));
+            vec2 place = shifted(pixel, vec2(sample_x, sample_y), bounce);
             vec3 local = visible_facet(view, width, place);
             facet = local.x * aside + local.y * up + local.z * n;
             float leaving = reflect(-view, local).z;

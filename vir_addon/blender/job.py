@@ -13,7 +13,7 @@ from ..core.pass_set import PassSet
 from ..core.plan import RenderPlan, plan
 from ..core.render import Progress, render
 from ..core.scene import SceneSnapshot
-from ..core.settings import Settings
+from ..core.settings import Effect, Settings
 from ..core.stopwatch import OnStage
 from ..device.interface import Device
 from .extract import snapshot
@@ -45,13 +45,15 @@ def take_snapshot(
     view_layer: bpy.types.ViewLayer,
     resolution: tuple[int, int] | None = None,
     on_step: OnStep | None = None,
+    *,
+    with_materials: bool = False,
 ) -> SceneSnapshot:
-    """The scene at its current frame as a render would see it."""
+    """The scene at its current frame as a render would see it. with_materials: as reflections need it"""
 
     def read(depsgraph: bpy.types.Depsgraph) -> SceneSnapshot:
         if on_step is not None:
             on_step(f"reading {view_layer.name}")
-        return snapshot(depsgraph, resolution=resolution)
+        return snapshot(depsgraph, resolution=resolution, with_materials=with_materials)
 
     if on_step is not None:
         on_step(f"evaluating {view_layer.name}")
@@ -75,7 +77,10 @@ def frame_jobs(
     are hidden and scaled to nothing by animation, and a layer of its own for smoke is common.
     """
     scene.frame_set(frame)
-    snapshots = {layer.name: take_snapshot(scene, layer, resolution, on_step) for layer in rendered_view_layers(scene)}
+    reflects = Effect.REFLECTION in settings.effects
+    snapshots = {
+        layer.name: take_snapshot(scene, layer, resolution, on_step, with_materials=reflects) for layer in rendered_view_layers(scene)
+    }
     if not any(len(taken.instances) for taken in snapshots.values()) and not _has_surface_objects(scene.objects):
         left_out = sorted({f"{item.object_name}: {item.reason}" for taken in snapshots.values() for item in taken.left_out})
         raise SceneError(

@@ -17,6 +17,7 @@ from .passes.reflection_maps import ReflectionMaps
 from .passes.reflections import (
     ADD_REFLECTIONS,
     HIT_MATERIALS,
+    LIGHT_BY_SURROUNDINGS,
     LIGHT_HITS,
     MARCH_REFLECTIONS,
     NO_RAY,
@@ -29,7 +30,7 @@ from .passes.scene_data import SceneData
 from .passes.surface_data import SurfaceData
 from .passes.tiles import TILE_PX, Tiles, grid_shape, with_neighbours
 from .plan import RenderPlan
-from .reflectors import PlannedReflections
+from .reflectors import PlannedReflections, typical_value
 from .sampling import stable_seed, unit_square_points
 from .settings import ReflectionLookUp
 from .stopwatch import Stopwatch
@@ -58,6 +59,10 @@ class ReflectionWork:
         points = unit_square_points(plan.batch_count * len(parts) * planned.bounces, stable_seed("reflection"))
         self.samples = points.reshape(-1, planned.bounces, 2)
         """of facets: (rounds, bounces, 2)"""
+        snapshot = scene_data.snapshot
+        is_bright = snapshot.world is not None and max(snapshot.world.radiance) > 0
+        self.has_surroundings = is_bright or any(typical_value(material.emission).max() > 0 for material in snapshot.materials)
+        """Something but lights lights surfaces."""
         self.statistics = ReflectionStatistics(
             bounces=planned.bounces,
             map_count=len(planned.maps),
@@ -70,9 +75,9 @@ class ReflectionWork:
             def texture() -> Texture:
                 return owned.own(self.device.create_texture(width, height, TextureFormat.RGBA32F))
 
-            self.materials = owned.own(SurfaceData(scene_data.snapshot, self.device))
+            self.materials = owned.own(SurfaceData(snapshot, self.device))
             self.maps = owned.own(ReflectionMaps(scene_data, list(planned.maps)))
-            self.instance_maps = owned.own(self.device.upload_array(planned.instance_maps(len(scene_data.snapshot.instances))))
+            self.instance_maps = owned.own(self.device.upload_array(planned.instance_maps(len(snapshot.instances))))
             self.rays = {name: texture() for name in ("ray_origins", "ray_directions", "throughputs")}
             self.surfaces = texture()
             self.radiances = [texture() for _ in parts]
@@ -153,6 +158,20 @@ class ReflectionWork:
                 radiances=self.radiances[part],
                 bounce=bounce,
             )
+            if self.has_surroundings:
+                self._walk(
+                    self.device.compute_kernel(LIGHT_BY_SURROUNDINGS, *flags),
+                    **self.scene_data.bindings,
+                    **self.materials.bindings,
+                    **self.maps.bindings,
+                    **hits.buffer._asdict(),
+                    ray_origins=self.rays["ray_origins"],
+                    scatterings=hits.scatterings,
+                    radiances=self.radiances[part],
+                    bounce=bounce + self.planned.bounces,
+                    sample_x=place[1],
+                    sample_y=place[0],
+                )
 
     def _walk(self, kernel: ComputeKernel, **bindings: object) -> None:
         width, height = self.size

@@ -23,6 +23,8 @@ UNSEEN_MAP_PX = 128
 """of reflectors that are in the picture only within other reflectors"""
 INSCRIBED_SHARE = 0.9 / math.sqrt(3)
 """A face's near plane reaches as far as this share at its corners."""
+TOWARDS_EYE_SHARE = 0.7
+"""how far from the middle of a solid towards its side that the eye sees its map's centre lies"""
 MIN_NEAR_SHARE = 1e-4
 """of the reach: depth that the rasterizer still tells apart"""
 MAX_INSCRIBED_TRIANGLES = 1 << 18
@@ -135,7 +137,13 @@ def _plan_reflector(
         # a room of mirrors: seen from where the eye is, with itself
         center_ws, others = eye_ws, np.arange(len(snapshot.instances))
     reach_m = 1.01 * float(np.linalg.norm(bounds.corners_ws.reshape(-1, 3) - center_ws, axis=1).max())
-    near_m = 0.0 if surrounds_eye else INSCRIBED_SHARE * _inscribed_radius(snapshot, own, center_ws)
+    radius_m = 0.0 if surrounds_eye else _inscribed_radius(snapshot, own, center_ws)
+    if is_in_picture and bounces < 2:
+        # nearer to the places that are seen, it sees more of what rays from there meet
+        toward = eye_ws - center_ws
+        center_ws = center_ws + TOWARDS_EYE_SHARE * radius_m * toward / np.linalg.norm(toward)
+        radius_m *= 1 - TOWARDS_EYE_SHARE
+    near_m = INSCRIBED_SHARE * radius_m
     covered_px = _covered_px(snapshot, corners) if is_in_picture else (0, 0)
     side_px = _map_size(max(covered_px)) if is_in_picture else UNSEEN_MAP_PX
     cube = ReflectionMap(

@@ -17,12 +17,14 @@ MAX_STEPS = 1024
 NO_RAY, REFLECTED_NOTHING, REFLECTED_SURFACE, REFLECTED_BY_DIRECTION = range(4)
 """What became of a pixel's ray: there is none, it left the scene, it met a surface, or it did behind something that hid it from the map's
 centre, and this is what the map shows in its direction"""
-FOUND_DEFINES = {
-    "NO_RAY": NO_RAY,
+MARCH_DEFINES = {
     "REFLECTED_NOTHING": REFLECTED_NOTHING,
     "REFLECTED_SURFACE": REFLECTED_SURFACE,
     "REFLECTED_BY_DIRECTION": REFLECTED_BY_DIRECTION,
+    "MAP_LEVELS": MAP_LEVELS,
+    "MAX_STEPS": MAX_STEPS,
 }
+BY_DIRECTION_FLAG = {"BY_DIRECTION": "look maps up by direction alone"}
 LUMINANCE_DEFINES = dict(zip(("LUMINANCE_RED", "LUMINANCE_GREEN", "LUMINANCE_BLUE"), LUMINANCE, strict=True))
 
 POSITIONS = "position (world space) and instance number, -1 for the background"
@@ -31,6 +33,7 @@ SURFACES = "triangle number, weights of its second and third corner; of hits: wh
 ORIGINS = "where the ray begins (world space) and number of the map that it is followed through, -1 where there is none"
 DIRECTIONS = "unit direction of the ray and how far along it nothing is met"
 THROUGHPUTS = "what the light that the ray finds is multiplied by"
+SCATTERINGS = "radiance towards the eye for an irradiance of 1"
 RADIANCES = "light that the picture's reflections bring in this round, what they are multiplied by included"
 COLORS = "what reflected light is multiplied by at the first reflector, and whether the pixel shows one"
 BOUNCE = Constant("int", "how often what the eye sees has been reflected already")
@@ -91,8 +94,8 @@ MARCH_REFLECTIONS = ComputeDeclaration(
         "surfaces": Stored("RGBA32F", "write", SURFACES),
     },
     constants={**SIZE_CONSTANTS, **WALK_CONSTANTS},
-    flags={"BY_DIRECTION": "look maps up by direction alone"},
-    defines={**SCENE_DEFINES, **TILE_DEFINES, **FOUND_DEFINES, "MAP_LEVELS": MAP_LEVELS, "MAX_STEPS": MAX_STEPS},
+    flags=BY_DIRECTION_FLAG,
+    defines={**SCENE_DEFINES, **TILE_DEFINES, **MARCH_DEFINES, "NO_RAY": NO_RAY},
 )
 
 HIT_MATERIALS = ComputeDeclaration(
@@ -109,7 +112,7 @@ HIT_MATERIALS = ComputeDeclaration(
         **TILE_TEXTURES,
     },
     images={
-        "scatterings": Stored("RGBA32F", "write", "radiance towards the eye for an irradiance of 1"),
+        "scatterings": Stored("RGBA32F", "write", SCATTERINGS),
         "radiances": Stored("RGBA32F", "read_write", RADIANCES),
     },
     constants={**SIZE_CONSTANTS, **WALK_CONSTANTS, "bounce": BOUNCE},
@@ -129,7 +132,7 @@ LIGHT_HITS = ComputeDeclaration(
     source="light_hits.comp.glsl",
     local_size=(TILE_PX, TILE_PX, 1),
     textures={
-        "scatterings": Sampled("sampler2D", "radiance towards the eye for an irradiance of 1"),
+        "scatterings": Sampled("sampler2D", SCATTERINGS),
         "batch_sums": Sampled("sampler2D", "x: light that arrives, as RESOLVE sums it"),
         **TILE_TEXTURES,
     },
@@ -140,6 +143,33 @@ LIGHT_HITS = ComputeDeclaration(
         "light_rgb": Constant("vec3", "irradiance for a sum of 1"),
     },
     defines=TILE_DEFINES,
+)
+
+LIGHT_BY_SURROUNDINGS = ComputeDeclaration(
+    name="light_by_surroundings",
+    text="adds what the world and surfaces that shine bring to those that rays met",
+    source="light_by_surroundings.comp.glsl",
+    local_size=(TILE_PX, TILE_PX, 1),
+    textures={
+        **SCENE_TEXTURES,
+        **SURFACE_TEXTURES,
+        **MAP_TEXTURES,
+        "positions": SEEN["positions"],
+        "normals": SEEN["normals"],
+        "ray_origins": Sampled("sampler2D", ORIGINS),
+        "scatterings": Sampled("sampler2D", SCATTERINGS),
+        **TILE_TEXTURES,
+    },
+    images={"radiances": Stored("RGBA32F", "read_write", RADIANCES)},
+    constants={
+        **SIZE_CONSTANTS,
+        **WALK_CONSTANTS,
+        "bounce": BOUNCE,
+        "sample_x": Constant("float", "of directions, in the unit square"),
+        "sample_y": Constant("float", "the same in y"),
+    },
+    flags=BY_DIRECTION_FLAG,
+    defines={**SCENE_DEFINES, **TILE_DEFINES, **SURFACE_DEFINES, **REFLECTANCE_DEFINES, **MARCH_DEFINES},
 )
 
 ADD_REFLECTIONS = ComputeDeclaration(

@@ -1,0 +1,179 @@
+// Follows rays through maps of reflectors.
+//
+// A ray crosses the cells of a map one after the other; cells of coarser levels whose depths it does not reach are crossed at once
+// (Uludag 2014, "Hi-Z Screen-Space Cone-Traced Reflections"). What a texel says is only which triangle to ask: where the ray meets it is
+// computed exactly.
+#include "lib/scene_data.glsl"
+#include "lib/reflection_map.glsl"
+
+const float FAR_ALONG = 1.0e30;
+const float STEP_PAST = 1.0e-3;       // of the way through a cell, to be in the next one
+const float ROUNDING = 1.0e-6;        // of the distance to the map's centre
+const float INSIDE_TOLERANCE = 1.0e-4;  // of barycentric weights: neighbours leave nothing between them
+
+struct Meeting {
+    float along;  // the ray, metres; FAR_ALONG: none
+    vec2 weights;  // of the triangle's second and third corner
+    bool inside;   // of the triangle, not only of its plane
+};
+
+// Where the ray meets a triangle's plane (Moeller & Trumbore 1997).
+Meeting meet(vec3 origin_ws, vec3 direction_ws, vec4 texel) {
+    InstanceData instance = load_instance(int(texel.z));
+    TriangleData triangle = load_triangle(instance, int(texel.w));
+    vec3 edge_1 = triangle.position_ws[1] - triangle.position_ws[0];
+    vec3 edge_2 = triangle.position_ws[2] - triangle.position_ws[0];
+    vec3 p = cross(direction_ws, edge_2);
+    float determinant = dot(edge_1, p);
+    Meeting meeting = Meeting(FAR_ALONG, vec2(1.0 / 3.0), false);
+    if (determinant != 0.0) {
+        vec3 s = origin_ws - triangle.position_ws[0];
+        vec3 q = cross(s, edge_1);
+        vec2 weights = vec2(dot(s, p), dot(direction_ws, q)) / determinant;
+        meeting.along = dot(edge_2, q) / determinant;
+        meeting.weights = weights;
+        meeting.inside = all(greaterThanEqual(vec3(weights, 1.0 - weights.x - weights.y), vec3(-INSIDE_TOLERANCE)));
+    }
+    return meeting;
+}
+
+bool is_empty(vec4 texel) {
+    return texel.z < 0.0;
+}
+
+vec4 map_texel(ReflectionMap map, int level, int face, ivec2 cell) {
+    return texelFetch(map_texels, linear_texel(map_index(map, level, face, cell)), 0);
+}
+
+struct Found {
+    Meeting meeting;
+    vec4 texel;
+    int how;
+};
+
+// Of four texels around a place of the finest level the triangle that the ray meets first, within its edges.
+Found meet_neighbours(ReflectionMap map, int face, vec2 place, vec3 origin_ws, vec3 direction_ws, vec2 between) {
+    Found found = Found(Meeting(FAR_ALONG, vec2(0.0), false), vec4(-1.0), REFLECTED_NOTHING);
+    ivec2 own = ivec2(floor(place));
+    ivec2 toward = ivec2(place.x - float(own.x) > 0.5 ? 1 : -1, place.y - float(own.y) > 0.5 ? 1 : -1);
+    for (int k = 1; k < 4; k++) {
+        ivec2 cell = own + toward * ivec2(k & 1, k >> 1);
+        if (any(lessThan(cell, ivec2(0))) || any(greaterThanEqual(cell, map.size))) {
+            continue;
+        }
+        vec4 texel = map_texel(map, 0, face, cell);
+        if (is_empty(texel)) {
+            continue;
+        }
+        Meeting meeting = meet(origin_ws, direction_ws, texel);
+        if (meeting.inside && meeting.along >= between.x && meeting.along <= between.y && meeting.along < found.meeting.along) {
+            found = Found(meeting, texel, REFLECTED_SURFACE);
+        }
+    }
+    return found;
+}
+
+// The ray from its origin on; nothing is met before `first_m`.
+Found march(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m) {
+    vec3 start = map_direction(map, origin_ws - map.center_ws);
+    vec3 direction = map_direction(map, direction_ws);
+    float end = map.reach_m + length(start);
+    float along = 0.0;
+    int level = MAP_LEVELS - 1;
+    Found found = Found(Meeting(FAR_ALONG, vec2(0.0), false), vec4(-1.0), REFLECTED_NOTHING);
+    int step_count = 0;
+    do {
+        step_count++;
+        vec3 p = start + along * direction;
+        int face = face_of(map, p);
+        vec3 f = in_face(face, p);
+        vec3 g = in_face(face, direction);
+        if (f.z < 0.5 * map.near_m) {
+            // nothing is there, and at the centre itself a place has no direction
+            if (!map.is_cube) {
+                break;
+            }
+            along += 0.5 * map.near_m;
+            continue;
+        }
+        vec2 tangent = f.xy / f.z;
+        vec2 cell_size = map.texel * float(1 << level);
+        ivec2 cells = map.size >> level;
+        vec2 place = (tangent - map.corner) / cell_size;
+        if (!map.is_cube && (any(lessThan(place, vec2(0.0))) || any(greaterThanEqual(place, vec2(cells))))) {
+            break;
+        }
+        ivec2 cell = clamp(ivec2(floor(place)), ivec2(0), cells - 1);
+        // the planes through the centre and the cell's sides, those that the ray goes towards
+        vec4 sides = map.corner.xyxy + vec4(cell, cell + 1) * cell_size.xyxy;
+        vec4 rate = (g.xyxy - sides * g.z) * vec4(-1.0, -1.0, 1.0, 1.0);
+        vec4 distance_left = max((sides * f.z - f.xyxy) * vec4(-1.0, -1.0, 1.0, 1.0), 0.0);
+        vec4 lengths = mix(vec4(FAR_ALONG), distance_left / rate, greaterThan(rate, vec4(0.0)));
+        float crossing = min(min(min(lengths.x, lengths.y), min(lengths.z, lengths.w)), end - along);
+        // surfaces between the places that two neighbours see belong to neither: each is asked a texel's way back as well
+        float texel_crossing = min(map.texel.x, map.texel.y) * f.z / max(length(g.xy - tangent * g.z), 1.0e-20);
+        float back = min(texel_crossing, along);
+        float depth_in = f.z - back * g.z;
+        float depth_out = f.z + crossing * g.z;
+        vec4 texel = map_texel(map, level, face, cell);
+        if (min(depth_in, depth_out) <= texel.y && max(depth_in, depth_out) >= texel.x) {
+            if (level > 0) {
+                level--;
+                continue;
+            }
+            vec2 between = vec2(max(along - back, first_m), along + crossing);
+            Meeting meeting = meet(origin_ws, direction_ws, texel);
+            if (meeting.inside && meeting.along >= between.x && meeting.along <= between.y) {
+                found = Found(meeting, texel, REFLECTED_SURFACE);
+                break;
+            }
+            Found nearby = meet_neighbours(map, face, place, origin_ws, direction_ws, vec2(between.x, between.y + texel_crossing));
+            if (nearby.how == REFLECTED_SURFACE) {
+                found = nearby;
+                break;
+            }
+            if (meeting.along >= between.x && meeting.along <= between.y) {
+                found = Found(meeting, texel, REFLECTED_SURFACE);
+                break;
+            }
+        }
+        along += crossing + max(STEP_PAST * min(crossing, texel_crossing), ROUNDING * max(f.z, length(f)));
+        level = min(level + 1, MAP_LEVELS - 1);
+    } while (along < end && step_count < MAX_STEPS);
+    return found;
+}
+
+// What the map shows in the ray's direction from its centre: right for what is far away.
+Found look_up_direction(ReflectionMap map, vec3 direction_ws) {
+    vec3 direction = map_direction(map, direction_ws);
+    int face = face_of(map, direction);
+    vec3 f = in_face(face, direction);
+    Found found = Found(Meeting(FAR_ALONG, vec2(0.0), false), vec4(-1.0), REFLECTED_NOTHING);
+    vec2 place = (f.xy / f.z - map.corner) / map.texel;
+    if (!(f.z > 0.0) || (!map.is_cube && (any(lessThan(place, vec2(0.0))) || any(greaterThanEqual(place, vec2(map.size)))))) {
+        return found;
+    }
+    vec4 texel = map_texel(map, 0, face, clamp(ivec2(floor(place)), ivec2(0), map.size - 1));
+    if (!is_empty(texel)) {
+        found = Found(meet(map.center_ws, direction_ws, texel), texel, REFLECTED_BY_DIRECTION);
+    }
+    return found;
+}
+
+// What the ray meets; where that was hidden from the map's centre, what the map shows in its direction.
+Found follow(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m) {
+#ifdef BY_DIRECTION
+    return look_up_direction(map, direction_ws);
+#else
+    Found found = march(map, origin_ws, direction_ws, first_m);
+    if (found.how == REFLECTED_NOTHING) {
+        Found behind = look_up_direction(map, direction_ws);
+        if (behind.how != REFLECTED_NOTHING) {
+            Meeting exact = meet(origin_ws, direction_ws, behind.texel);
+            bool is_met = exact.inside && exact.along >= first_m;
+            found = is_met ? Found(exact, behind.texel, REFLECTED_SURFACE) : behind;
+        }
+    }
+    return found;
+#endif
+}
