@@ -14,7 +14,7 @@ void main() {
     int how = int(hit.w);
     vec3 own = vec3(0.0);
     vec3 scattered = vec3(0.0);
-    if (how == REFLECTED_NOTHING) {
+    if (how == REFLECTED_NOTHING || how == REFLECTED_OUT_OF_VIEW) {
         own = world_radiance(texelFetch(ray_directions, pixel, 0).xyz);
     } else if (how != NO_RAY) {
         vec4 position = texelFetch(positions, pixel, 0);

@@ -31,11 +31,12 @@ void main() {
     }
     vec4 ray = texelFetch(ray_origins, pixel, 0);
     float first_m = FIRST_SHARE * max(length(position.xyz - ray.xyz), length(position.xyz));
-    Found found = follow(load_map(int(ray.w)), position.xyz, direction, first_m);
-    vec3 radiance;
+    int aside = int(texelFetch(throughputs, pixel, 0).w);
+    Found found = follow(load_map(aside >= 0 ? aside : int(ray.w)), position.xyz, direction, first_m);
+    vec3 radiance = vec3(0.0);
     if (found.how == REFLECTED_NOTHING) {
         radiance = world_radiance(direction);
-    } else {
+    } else if (found.how == REFLECTED_SURFACE) {
         InstanceData instance = load_instance(int(found.texel.z));
         TriangleData triangle = load_triangle(instance, int(found.texel.w));
         vec3 weights = vec3(1.0 - found.meeting.weights.x - found.meeting.weights.y, found.meeting.weights);

@@ -16,8 +16,12 @@ void main() {
         ReflectionMap map = load_map(int(ray.w));
         vec4 direction = texelFetch(ray_directions, pixel, 0);
         Found found = follow(map, ray.xyz, direction.xyz, direction.w);
+        int aside = int(texelFetch(throughputs, pixel, 0).w);
+        if (found.how == REFLECTED_OUT_OF_VIEW && aside >= 0) {
+            found = follow(load_map(aside), ray.xyz, direction.xyz, direction.w);
+        }
         surface.w = float(found.how);
-        if (found.how != REFLECTED_NOTHING) {
+        if (!is_empty(found.texel)) {
             InstanceData instance = load_instance(int(found.texel.z));
             TriangleData triangle = load_triangle(instance, int(found.texel.w));
             vec3 weights = max(vec3(1.0 - found.meeting.weights.x - found.meeting.weights.y, found.meeting.weights), 0.0);

@@ -91,6 +91,7 @@ Found march(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m)
         if (f.z < 0.5 * map.near_m) {
             // nothing is there, and at the centre itself a place has no direction
             if (!map.is_cube) {
+                found.how = REFLECTED_OUT_OF_VIEW;
                 break;
             }
             along += 0.5 * map.near_m;
@@ -101,6 +102,7 @@ Found march(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m)
         ivec2 cells = map.size >> level;
         vec2 place = (tangent - map.corner) / cell_size;
         if (!map.is_cube && (any(lessThan(place, vec2(0.0))) || any(greaterThanEqual(place, vec2(cells))))) {
+            found.how = REFLECTED_OUT_OF_VIEW;
             break;
         }
         ivec2 cell = clamp(ivec2(floor(place)), ivec2(0), cells - 1);
@@ -123,17 +125,13 @@ Found march(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m)
             }
             vec2 between = vec2(max(along - back, first_m), along + crossing);
             Meeting meeting = meet(origin_ws, direction_ws, texel);
-            if (meeting.inside && meeting.along >= between.x && meeting.along <= between.y) {
-                found = Found(meeting, texel, REFLECTED_SURFACE);
-                break;
-            }
-            Found nearby = meet_neighbours(map, face, place, origin_ws, direction_ws, vec2(between.x, between.y + texel_crossing));
-            if (nearby.how == REFLECTED_SURFACE) {
-                found = nearby;
-                break;
-            }
-            if (meeting.along >= between.x && meeting.along <= between.y) {
-                found = Found(meeting, texel, REFLECTED_SURFACE);
+            bool is_between = meeting.along >= between.x && meeting.along <= between.y;
+            bool is_met = is_between && meeting.inside;
+            // beside an outline the texel's centre sees past what the ray meets, or meets what the ray passes by
+            float before = is_met ? meeting.along : between.y + texel_crossing;
+            Found nearby = meet_neighbours(map, face, place, origin_ws, direction_ws, vec2(between.x, before));
+            if (nearby.how == REFLECTED_SURFACE || is_between) {
+                found = nearby.how == REFLECTED_SURFACE ? nearby : Found(meeting, texel, REFLECTED_SURFACE);
                 break;
             }
         }
@@ -148,19 +146,20 @@ Found look_up_direction(ReflectionMap map, vec3 direction_ws) {
     vec3 direction = map_direction(map, direction_ws);
     int face = face_of(map, direction);
     vec3 f = in_face(face, direction);
-    Found found = Found(Meeting(FAR_ALONG, vec2(0.0), false), vec4(-1.0), REFLECTED_NOTHING);
+    Found found = Found(Meeting(FAR_ALONG, vec2(0.0), false), vec4(-1.0), map.is_cube ? REFLECTED_NOTHING : REFLECTED_OUT_OF_VIEW);
     vec2 place = (f.xy / f.z - map.corner) / map.texel;
     if (!(f.z > 0.0) || (!map.is_cube && (any(lessThan(place, vec2(0.0))) || any(greaterThanEqual(place, vec2(map.size)))))) {
         return found;
     }
     vec4 texel = map_texel(map, 0, face, clamp(ivec2(floor(place)), ivec2(0), map.size - 1));
+    found.how = REFLECTED_NOTHING;
     if (!is_empty(texel)) {
         found = Found(meet(map.center_ws, direction_ws, texel), texel, REFLECTED_BY_DIRECTION);
     }
     return found;
 }
 
-// What the ray meets; where that was hidden from the map's centre, what the map shows in its direction.
+// What the ray meets; REFLECTED_OUT_OF_VIEW: perhaps something outside of a map that is no cube. Where that was hidden from the map's centre, what the map shows in its direction.
 Found follow(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m) {
 #ifdef BY_DIRECTION
     return look_up_direction(map, direction_ws);

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from tests.ray_tracing import world_triangles
 from tests.scenes import bumpy_sphere, floor, matte, mirror, perspective_camera, point_light, rectangle, render_passes, snapshot
 from vir_addon.core.material import World
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
-from vir_addon.core.settings import Effect
+from vir_addon.core.plan import plan as planned
+from vir_addon.core.scene import Mesh
+from vir_addon.core.settings import Effect, Settings
 
 WIDTH, HEIGHT = 160, 90
 COLORS = np.array([(0.9, 0.1, 0.1), (0.1, 0.9, 0.1), (0.1, 0.1, 0.9), (0.9, 0.9, 0.1), (0.1, 0.9, 0.9), (0.9, 0.1, 0.9)])
@@ -118,3 +122,87 @@ def test_lit_floor_in_a_mirror(device):
     assert (judged & shadow).sum() > 300
     assert (judged & ~shadow).sum() > 1000
     np.testing.assert_allclose(image[judged], truth[judged], rtol=3e-3, atol=1e-4)  # normals of what is lit are packed to a thousandth
+
+
+def checkerboard(half_m: float, count: int):
+    """Two meshes in the plane z = 0, of the light and of the dark squares."""
+    step = 2 * half_m / count
+    meshes = []
+    for parity, name in enumerate(("light", "dark")):
+        corners = [(-half_m + i * step, -half_m + j * step) for i in range(count) for j in range(count) if (i + j) % 2 == parity]
+        quads = [rectangle(name, (x, y, 0), (step, 0, 0), (0, step, 0)) for x, y in corners]
+        positions = np.concatenate([quad.positions_os for quad in quads])
+        triangles = np.concatenate([quad.triangles + 4 * k for k, quad in enumerate(quads)])
+        meshes.append(Mesh(name, positions, triangles.astype(np.int32)))
+    return meshes, [matte((0, 0, 0), (0.9, 0.9, 0.9)), matte((0, 0, 0), (0.1, 0.2, 0.3))]
+
+
+def test_flat_mirror_shows_what_a_mirrored_camera_sees(device):
+    """Beyond the mirror the same scene lies mirrored: a picture of it without the mirror must be what the mirror shows."""
+    boards, materials = checkerboard(4.0, 16)
+    ball = bumpy_sphere("ball", (0.5, 0.5, 0.6), 0.5, 32)
+    glass = rectangle("mirror", (-1.5, 1.5, 0.2), (3, 0, 0), (0, -0.3, 2))
+    camera = perspective_camera((0.6, -3.0, 1.6), (0.0, 1.5, 1.0), WIDTH, HEIGHT, 0.4)
+    all_materials = [*materials, matte((0, 0, 0), (0.8, 0.1, 0.1)), mirror()]
+    scene = snapshot([*boards, ball, glass], [], camera, WIDTH, HEIGHT, materials=all_materials, world=World((0.2, 0.3, 0.4)))
+    plan = planned(scene, Settings(effects=(Effect.REFLECTION,)))
+    assert [reflector.method_text for reflector in plan.reflections.reflectors] == ["planar"]
+    shown = render_passes(scene, device, effects=(Effect.REFLECTION,))
+    mask = (shown[REFLECTION_COLOR_PASS_NAME] > 0.99).all(axis=-1)
+    assert mask.sum() > 3000
+
+    # by brute force: mirrored rays against all triangles but the mirror's
+    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
+    normal = np.cross((3, 0, 0), (0, -0.3, 2))
+    normal = normal / np.linalg.norm(normal)
+    to_mirror = ((np.array((-1.5, 1.5, 0.2)) - eye) @ normal) / (directions @ normal)
+    at = eye + to_mirror[..., None] * directions
+    reflected = directions - 2 * (directions @ normal)[..., None] * normal
+    seen = nearest_instance(scene, at[mask], reflected[mask], leave_out=3)
+    truth = np.array([(0.9, 0.9, 0.9), (0.1, 0.2, 0.3), (0.8, 0.1, 0.1), (0.2, 0.3, 0.4)])[seen]
+    error = np.abs(shown[REFLECTION_PASS_NAME][mask] - truth).max(axis=-1)
+    assert len(set(seen.tolist())) == 4
+    assert (error > 1 / 255).mean() < 0.002, (error > 1 / 255).sum()
+
+
+def nearest_instance(scene, origins, directions, leave_out):
+    """(n,) instance that each ray meets first, -1 for none, in float64."""
+    triangles = world_triangles(scene)
+    kept = triangles.instance != leave_out
+    a, b, c = np.moveaxis(triangles.corners[kept], 1, 0)
+    owner = np.append(triangles.instance[kept], -1)
+    found = []
+    for origin, direction in zip(origins, directions, strict=True):
+        p = np.cross(direction, c - a)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = 1 / (p * (b - a)).sum(axis=1)
+            s = origin - a
+            u = (s * p).sum(axis=1) * inverse
+            q = np.cross(s, b - a)
+            v = (q @ direction) * inverse
+            along = (q * (c - a)).sum(axis=1) * inverse
+            hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (along > 1e-6)
+        along = np.append(np.where(hit, along, np.inf), 1e30)
+        found.append(owner[np.argmin(along)])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("bounces", [1, 2, 3])
+def test_parallel_mirrors_show_as_many_images_as_bounces(device, bounces):
+    """Between two mirrors a small lamp has an image behind each for every bounce."""
+    front = rectangle("front", (-3, 2, -3), (6, 0, 0), (0, 0, 6))
+    back = rectangle("back", (-3, -2, -3), (0, 0, 6), (6, 0, 0))
+    lamp = rectangle("lamp", (0.6, 0, 0.3), (0.2, 0, 0), (0, 0, 0.2))
+    camera = perspective_camera((0.0, -1.0, 0.0), (0.0, 2.0, 0.0), WIDTH, HEIGHT, 0.5)
+    scene = snapshot(
+        [front, back, lamp], [], camera, WIDTH, HEIGHT, materials=[mirror(), mirror(), matte((0, 0, 0), (1, 1, 1))], world=World()
+    )
+    image = render_passes(scene, device, effects=(Effect.REFLECTION,), bounces=bounces)[REFLECTION_PASS_NAME][..., 0]
+    # images of the lamp at y = 0 in the mirrors at y = 2 and y = -2, those that the eye at y = -1 finds by looking at the front one
+    shown = 0
+    for y in (4.0, 8.0, 12.0):
+        distance = y + 1.0
+        column = round(WIDTH / 2 + 0.7 / distance / 0.5 * WIDTH / 2)
+        row = round(HEIGHT / 2 + 0.4 / distance / 0.5 * WIDTH / 2)
+        shown += image[row, column] > 0.99
+    assert shown == bounces

@@ -24,6 +24,7 @@ from .passes.reflections import (
     REFLECT,
     REFLECTED_BY_DIRECTION,
     REFLECTED_NOTHING,
+    REFLECTED_OUT_OF_VIEW,
     REFLECTED_SURFACE,
 )
 from .passes.scene_data import SceneData
@@ -146,6 +147,7 @@ class ReflectionWork:
                 corner_normals=self.scene_data.corner_normals,
                 ray_origins=self.rays["ray_origins"],
                 ray_directions=self.rays["ray_directions"],
+                throughputs=self.rays["throughputs"],
             )
             self._walk(
                 self.device.compute_kernel(HIT_MATERIALS),
@@ -166,6 +168,7 @@ class ReflectionWork:
                     **self.maps.bindings,
                     **hits.buffer._asdict(),
                     ray_origins=self.rays["ray_origins"],
+                    throughputs=self.rays["throughputs"],
                     scatterings=hits.scatterings,
                     radiances=self.radiances[part],
                     bounce=bounce + self.planned.bounces,
@@ -181,12 +184,12 @@ class ReflectionWork:
         """What became of the rays of the last bounce that were followed, of one eye sample."""
         found = self.device.read(self.surfaces)[..., 3].astype(np.int64)
         shown = found[self.tiles_shown.repeat(TILE_PX, axis=0).repeat(TILE_PX, axis=1)[: found.shape[0], : found.shape[1]]]
-        counts = np.bincount(shown, minlength=4)
+        counts = np.bincount(shown, minlength=5)
         ray_count = int(counts.sum() - counts[NO_RAY])
         self.statistics.ray_count = ray_count
         self.statistics.found_share = counts[REFLECTED_SURFACE] / max(ray_count, 1)
         self.statistics.by_direction_share = counts[REFLECTED_BY_DIRECTION] / max(ray_count, 1)
-        self.statistics.left_share = counts[REFLECTED_NOTHING] / max(ray_count, 1)
+        self.statistics.left_share = (counts[REFLECTED_NOTHING] + counts[REFLECTED_OUT_OF_VIEW]) / max(ray_count, 1)
 
     @property
     def all_hits(self) -> Iterator[Hits]:

@@ -14,13 +14,14 @@ from .tiles import SIZE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, WALK_CO
 
 MAX_STEPS = 1024
 """Cells that a ray may cross: several times what any needs in a map of 1024 texels; a GPU must not hang."""
-NO_RAY, REFLECTED_NOTHING, REFLECTED_SURFACE, REFLECTED_BY_DIRECTION = range(4)
-"""What became of a pixel's ray: there is none, it left the scene, it met a surface, or it did behind something that hid it from the map's
-centre, and this is what the map shows in its direction"""
+NO_RAY, REFLECTED_NOTHING, REFLECTED_SURFACE, REFLECTED_BY_DIRECTION, REFLECTED_OUT_OF_VIEW = range(5)
+"""What became of a pixel's ray: there is none, it left the scene, it met a surface, it did behind something that hid it from the map's
+centre, and this is what the map shows in its direction, or it left what the maps show"""
 MARCH_DEFINES = {
     "REFLECTED_NOTHING": REFLECTED_NOTHING,
     "REFLECTED_SURFACE": REFLECTED_SURFACE,
     "REFLECTED_BY_DIRECTION": REFLECTED_BY_DIRECTION,
+    "REFLECTED_OUT_OF_VIEW": REFLECTED_OUT_OF_VIEW,
     "MAP_LEVELS": MAP_LEVELS,
     "MAX_STEPS": MAX_STEPS,
 }
@@ -32,7 +33,7 @@ NORMALS = "geometric normal (world space, towards where it is seen from) and pac
 SURFACES = "triangle number, weights of its second and third corner; of hits: what became of the ray"
 ORIGINS = "where the ray begins (world space) and number of the map that it is followed through, -1 where there is none"
 DIRECTIONS = "unit direction of the ray and how far along it nothing is met"
-THROUGHPUTS = "what the light that the ray finds is multiplied by"
+THROUGHPUTS = "what the light that the ray finds is multiplied by, and the number of the map beside its first one, or -1"
 SCATTERINGS = "radiance towards the eye for an irradiance of 1"
 RADIANCES = "light that the picture's reflections bring in this round, what they are multiplied by included"
 COLORS = "what reflected light is multiplied by at the first reflector, and whether the pixel shows one"
@@ -54,7 +55,9 @@ REFLECT = ComputeDeclaration(
         **SURFACE_TEXTURES,
         **SEEN,
         "corner_normals": Sampled("sampler2D", "three packed normals of every triangle of meshes that need them"),
-        "instance_maps": Sampled("sampler2D", "of every instance: its map for what the eye sees and for what rays meet, -1: no reflector"),
+        "instance_maps": Sampled(
+            "sampler2D", "of every instance: its maps for what the eye sees, for rays from others, and beside the first; -1: none"
+        ),
         **TILE_TEXTURES,
     },
     images={
@@ -86,6 +89,7 @@ MARCH_REFLECTIONS = ComputeDeclaration(
         **MAP_TEXTURES,
         "ray_origins": Sampled("sampler2D", ORIGINS),
         "ray_directions": Sampled("sampler2D", DIRECTIONS),
+        "throughputs": Sampled("sampler2D", THROUGHPUTS),
         **TILE_TEXTURES,
     },
     images={
@@ -123,6 +127,7 @@ HIT_MATERIALS = ComputeDeclaration(
         **REFLECTANCE_DEFINES,
         "NO_RAY": NO_RAY,
         "REFLECTED_NOTHING": REFLECTED_NOTHING,
+        "REFLECTED_OUT_OF_VIEW": REFLECTED_OUT_OF_VIEW,
     },
 )
 
@@ -157,6 +162,7 @@ LIGHT_BY_SURROUNDINGS = ComputeDeclaration(
         "positions": SEEN["positions"],
         "normals": SEEN["normals"],
         "ray_origins": Sampled("sampler2D", ORIGINS),
+        "throughputs": Sampled("sampler2D", THROUGHPUTS),
         "scatterings": Sampled("sampler2D", SCATTERINGS),
         **TILE_TEXTURES,
     },

@@ -1,0 +1,211 @@
+"""From where what reflectors show is drawn: cubes within them, or a mirrored eye."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .bounds import SceneBounds
+from .passes.reflection_maps import MAP_SIZE_STEP_PX, ReflectionMap
+from .scene import Camera, SceneSnapshot
+
+MIN_MAP_PX, MAX_MAP_PX = 64, 1024
+MAX_VIEW_PX = 4096
+"""of a mirrored view"""
+TEXELS_PER_PX = 2
+"""of a mirrored view, each way: edges in it are edges in the picture"""
+VIEW_MARGIN_PX = 4.0
+"""filters reach beyond a pixel"""
+INSCRIBED_SHARE = 0.9 / math.sqrt(3)
+"""A face's near plane reaches as far as this share at its corners."""
+TOWARDS_EYE_SHARE = 0.7
+"""how far from the middle of a solid towards its side that the eye sees its map's centre lies"""
+MIN_NEAR_SHARE = 1e-4
+"""of the reach: depth that the rasterizer still tells apart"""
+MAX_INSCRIBED_TRIANGLES = 1 << 18
+FLAT_SHARE = 1e-4
+"""of a reflector's size: by so much a flat one may be off its plane"""
+MIN_EYE_HEIGHT_SHARE = 1e-3
+"""of the distance: seen more edge-on, a plane shows next to nothing, and its mirrored view would be all depth"""
+
+
+def eye_is_inside(snapshot: SceneSnapshot, corners_ws: np.ndarray) -> bool:
+    """Whether the eye is within the box around some corners, (n, 3)."""
+    eye_ws = snapshot.camera.world_from_view[:3, 3]
+    inside = (eye_ws > corners_ws.min(axis=0)) & (eye_ws < corners_ws.max(axis=0))
+    return bool(inside.all()) and not snapshot.camera.is_orthographic
+
+
+def _reach(bounds: SceneBounds, center_ws: np.ndarray) -> float:
+    return 1.01 * float(np.linalg.norm(bounds.corners_ws.reshape(-1, 3) - center_ws, axis=1).max())
+
+
+def _cube(bounds: SceneBounds, center_ws: np.ndarray, near_m: float, side_px: int, instances: np.ndarray) -> ReflectionMap:
+    reach_m = _reach(bounds, center_ws)
+    return ReflectionMap(
+        center_ws=center_ws,
+        axes=np.eye(3),
+        is_cube=True,
+        width_px=side_px,
+        height_px=side_px,
+        window=(-1.0, 1.0, -1.0, 1.0),
+        near_m=max(near_m, MIN_NEAR_SHARE * reach_m),
+        reach_m=reach_m,
+        instances=instances,
+    )
+
+
+def cube_around_eye(snapshot: SceneSnapshot, bounds: SceneBounds, side_px: int) -> ReflectionMap:
+    """Of a room of mirrors, which it sees as well."""
+    return _cube(bounds, snapshot.camera.world_from_view[:3, 3], 0.0, side_px, np.arange(len(snapshot.instances)))
+
+
+def cube_around(
+    snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray, side_px: int, *, nearer_to_eye: bool = False
+) -> ReflectionMap:
+    """From the middle of a reflector all but itself. own: (n,) int64 its instances. nearer_to_eye: from nearer to the places that the eye
+    sees, if it is solid: rays from there meet less that is hidden from the map."""
+    corners = bounds.corners_ws[own].reshape(-1, 3)
+    center_ws = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    radius_m = _inscribed_radius(snapshot, own, center_ws)
+    if nearer_to_eye:
+        matrix = snapshot.camera.world_from_view
+        toward = matrix[:3, 2] if snapshot.camera.is_orthographic else matrix[:3, 3] - center_ws
+        center_ws = center_ws + TOWARDS_EYE_SHARE * radius_m * toward / np.linalg.norm(toward)
+        radius_m *= 1 - TOWARDS_EYE_SHARE
+    return _cube(bounds, center_ws, INSCRIBED_SHARE * radius_m, side_px, np.setdiff1d(np.arange(len(snapshot.instances)), own))
+
+
+def flat_plane(snapshot: SceneSnapshot, own: np.ndarray) -> np.ndarray | None:
+    """(4,) float64 unit normal and offset of the plane that all of a reflector lies in, shading normals too; None where there is none."""
+    instances = snapshot.instances
+    parts, normals = [], []
+    for index in own:
+        mesh = snapshot.meshes[instances.mesh_index[index]]
+        matrix = instances.world_from_object[index].astype(np.float64)
+        parts.append(mesh.positions_os[np.unique(mesh.triangles)] @ matrix[:3, :3].T + matrix[:3, 3])
+        for given in (mesh.point_normals_os, mesh.corner_normals_os):
+            if given is not None:
+                normals.append(given.reshape(-1, 3) @ np.linalg.pinv(matrix[:3, :3]))
+    points = np.concatenate(parts)
+    center = points.mean(axis=0)
+    axes = np.linalg.eigh((points - center).T @ (points - center))[1].T[::-1]
+    normal = axes[2]
+    size = np.ptp((points - center) @ axes.T, axis=0)
+    if size[2] > FLAT_SHARE * size[0] or not size[1] > 0:
+        return None
+    for given in normals:
+        if (np.abs(given @ normal) < (1 - FLAT_SHARE) * np.linalg.norm(given, axis=1)).any():
+            return None
+    return np.array([*normal, -normal @ center])
+
+
+def mirrored_view(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray, plane: np.ndarray) -> ReflectionMap | None:
+    """What a mirror shows, from the eye behind it; None where the eye sees it edge-on. plane: of `flat_plane`"""
+    camera = snapshot.camera
+    eye_ws = camera.world_from_view[:3, 3]
+    corners = bounds.corners_ws[own].reshape(-1, 3)
+    height = float(plane[:3] @ eye_ws + plane[3])
+    if abs(height) < MIN_EYE_HEIGHT_SHARE * np.linalg.norm(corners - eye_ws, axis=1).max():
+        return None
+    facing = plane if height > 0 else -plane
+    mirrored = np.eye(3) - 2 * np.outer(plane[:3], plane[:3])
+    center_ws = eye_ws - 2 * height * plane[:3]
+    right, up, backward = (mirrored @ camera.world_from_view[:3, :3]).T
+    low_x, high_x, low_y, high_y = covered_window(camera, corners)
+    left, right_end, bottom, top = camera.window
+    steps = abs(right_end - left) / snapshot.width_px / TEXELS_PER_PX, abs(top - bottom) / snapshot.height_px / TEXELS_PER_PX
+    margin = VIEW_MARGIN_PX * TEXELS_PER_PX
+    sizes = []
+    for extent, step in ((high_x - low_x, steps[0]), (high_y - low_y, steps[1])):
+        sizes.append(min(math.ceil((extent / step + 2 * margin) / MAP_SIZE_STEP_PX) * MAP_SIZE_STEP_PX, MAX_VIEW_PX))
+    # maps are whole steps wide; one that would be too large has larger texels
+    widths = [
+        max(size * step, extent + 2 * margin * step)
+        for size, step, extent in zip(sizes, steps, (high_x - low_x, high_y - low_y), strict=True)
+    ]
+    x, y = low_x - margin * steps[0], low_y - margin * steps[1]
+    reach_m = _reach(bounds, center_ws)
+    return ReflectionMap(
+        center_ws=center_ws,
+        axes=np.stack([right, up, -backward]),
+        is_cube=False,
+        width_px=sizes[0],
+        height_px=sizes[1],
+        window=(x, x + widths[0], y, y + widths[1]),
+        near_m=MIN_NEAR_SHARE * reach_m,
+        reach_m=reach_m,
+        instances=np.setdiff1d(np.arange(len(snapshot.instances)), own),
+        clipped_by=facing,
+    )
+
+
+def cube_size_px(pixels: float) -> int:
+    return int(np.clip(-(-pixels // MAP_SIZE_STEP_PX) * MAP_SIZE_STEP_PX, MIN_MAP_PX, MAX_MAP_PX))
+
+
+def covered_size_px(snapshot: SceneSnapshot, corners_ws: np.ndarray) -> tuple[int, int]:
+    """Width and height in the picture of the box around some corners, (n, 3); all of it where they reach behind the eye."""
+    window = covered_window(snapshot.camera, corners_ws)
+    left, right, bottom, top = snapshot.camera.window
+    width = snapshot.width_px * abs(window[1] - window[0]) / abs(right - left)
+    height = snapshot.height_px * abs(window[3] - window[2]) / abs(top - bottom)
+    return math.ceil(width), math.ceil(height)
+
+
+def covered_window(camera: Camera, corners_ws: np.ndarray) -> tuple[float, float, float, float]:
+    """Bounds of some places, (n, 3), in the camera's window: smaller x, larger x, smaller y, larger y."""
+    low_x, high_x = sorted(camera.window[:2])
+    low_y, high_y = sorted(camera.window[2:])
+    view_from_world = np.linalg.inv(camera.world_from_view)
+    p = corners_ws @ view_from_world[:3, :3].T + view_from_world[:3, 3]
+    depth = np.ones(len(p)) if camera.is_orthographic else -p[:, 2]
+    if (depth <= camera.clip_start_m).any() and not camera.is_orthographic:
+        return low_x, high_x, low_y, high_y
+    x, y = p[:, 0] / depth, p[:, 1] / depth
+    return (
+        float(np.clip(x.min(), low_x, high_x)),
+        float(np.clip(x.max(), low_x, high_x)),
+        float(np.clip(y.min(), low_y, high_y)),
+        float(np.clip(y.max(), low_y, high_y)),
+    )
+
+
+def _inscribed_radius(snapshot: SceneSnapshot, own: np.ndarray, center_ws: np.ndarray) -> float:
+    """Metres from a place to the nearest triangle of a closed surface around it; 0 where it is not inside of one. What is nearer is within
+    the reflector, and nothing reflects it."""
+    instances = snapshot.instances
+    meshes = [snapshot.meshes[instances.mesh_index[index]] for index in own]
+    if sum(mesh.triangle_count for mesh in meshes) > MAX_INSCRIBED_TRIANGLES:
+        return 0.0
+    parts = []
+    for index, mesh in zip(own, meshes, strict=True):
+        matrix = instances.world_from_object[index].astype(np.float64)
+        placed = mesh.positions_os.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3] - center_ws
+        parts.append(placed[mesh.triangles])
+    triangles = np.concatenate(parts)
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    # solid angles (Van Oosterom & Strackee 1983) sum to 4 pi inside
+    la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    dots = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    solid_angle = abs(float(2 * np.arctan2(volume, dots).sum()))
+    return float(_distances_to_origin(a, b, c).min()) if solid_angle > 3.9 * np.pi else 0.0
+
+
+def _distances_to_origin(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """(n,) from the origin to triangles with (n, 3) corners"""
+
+    def to_segment(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+        along = end - start
+        share = np.clip(-(start * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-30), 0, 1)
+        return np.linalg.norm(start + share[:, None] * along, axis=1)
+
+    normal = np.cross(b - a, c - a)
+    length = np.maximum(np.linalg.norm(normal, axis=1), 1e-30)
+    sides = [np.einsum("ij,ij->i", np.cross(end - start, -start), normal) for start, end in ((a, b), (b, c), (c, a))]
+    over = np.all(np.array(sides) >= 0, axis=0)
+    plane = np.abs((a * normal).sum(axis=1)) / length
+    edges = np.minimum(np.minimum(to_segment(a, b), to_segment(b, c)), to_segment(c, a))
+    return np.where(over, plane, edges)
