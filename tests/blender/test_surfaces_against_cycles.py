@@ -277,3 +277,58 @@ def test_textures_and_normal_maps_as_in_cycles(device, scene, add, look):
     ours, truth = compare(device, scene, look, len(materials), away)
     print(np.round(ours / truth, 3))
     np.testing.assert_allclose(ours, truth, rtol=0.02)
+
+
+def checkered(kind, scale):
+    nodes = Nodes(f"checkered by {kind}")
+    checker, emission = nodes("TexChecker"), nodes("Emission")
+    for name, value in {"Color1": (*GOLD, 1.0), "Color2": (*BLUE, 1.0), "Scale": scale}.items():
+        checker.inputs[name].default_value = value
+    if kind != "nothing":
+        mapping, coordinates = nodes("Mapping"), nodes("TexCoord")
+        mapping.inputs["Location"].default_value, mapping.inputs["Rotation"].default_value = (0.1, 0.2, 0.3), (0.3, 0.2, 0.5)
+        nodes.link(coordinates.outputs[kind], mapping.inputs["Vector"])
+        nodes.link(mapping.outputs[0], checker.inputs["Vector"])
+    nodes.link(checker.outputs["Color"], emission.inputs["Color"])
+    nodes.link(emission.outputs[0], nodes.output.inputs["Surface"])
+    return nodes.material
+
+
+def gradient():
+    """Of a part of v, through a ramp and a curve."""
+    nodes = Nodes("gradient")
+    coordinates, scale, separate, combine = (
+        nodes("TexCoord"),
+        nodes("VectorMath", operation="MULTIPLY_ADD"),
+        nodes("SeparateXYZ"),
+        nodes("CombineXYZ"),
+    )
+    scale.inputs[1].default_value, scale.inputs[2].default_value = (1.0, 1.5, 1.0), (0.0, -0.2, 0.0)
+    blend, ramp, curves, emission = nodes("TexGradient"), nodes("ValToRGB"), nodes("RGBCurve"), nodes("Emission")
+    ramp.color_ramp.elements[0].color, ramp.color_ramp.elements[1].color = (*GOLD, 1.0), (*BLUE, 1.0)
+    ramp.color_ramp.elements[0].position = 0.2
+    curves.mapping.curves[0].points[0].location = (0.0, 0.3)
+    curves.mapping.update()
+    links = (
+        (coordinates.outputs["UV"], scale.inputs[0]),
+        (scale.outputs[0], separate.inputs[0]),
+        (separate.outputs["Y"], combine.inputs["X"]),
+        (combine.outputs[0], blend.inputs[0]),
+        (blend.outputs["Fac"], ramp.inputs[0]),
+        (ramp.outputs["Color"], curves.inputs["Color"]),
+        (curves.outputs[0], emission.inputs["Color"]),
+        (emission.outputs[0], nodes.output.inputs["Surface"]),
+    )
+    for output, socket in links:
+        nodes.link(output, socket)
+    return nodes.material
+
+
+def test_computed_textures_as_in_cycles(device, scene, add, look):
+    materials = [checkered("nothing", 3.7), checkered("UV", 9.0), checkered("Generated", 7.0), gradient()]
+    away = rows_of_squares(add, materials)
+    snapshot = look()
+    assert not snapshot.left_out
+    ours, truth = our_radiance(device, snapshot, len(materials), away), cycles_radiance(scene, len(materials), 16)
+    assert (np.ptp(truth, axis=1).max(axis=1) > 0.05).sum() >= 3  # fields of both colours, and a gradient
+    np.testing.assert_allclose(ours, truth, atol=3e-3)

@@ -40,6 +40,8 @@ def _read_layer(data: bpy.types.Mesh, extracted: ExtractedMesh, layer: Layer) ->
     if layer.kind is LayerKind.UV:
         uvs = read_uvs(data, layer.name or None)
         return None if uvs is None else _of_triangles(uvs, extracted)
+    if layer.kind is LayerKind.GENERATED:
+        return _read_generated(data, extracted)
     attributes = data.color_attributes
     name = layer.name
     if not name and 0 <= attributes.render_color_index < len(attributes):
@@ -61,6 +63,17 @@ def _read_layer(data: bpy.types.Mesh, extracted: ExtractedMesh, layer: Layer) ->
         assert extracted.mesh is not None
         return colors[extracted.mesh.triangles]
     return np.repeat(colors[_faces_of_triangles(data, extracted)][:, None], 3, axis=1)
+
+
+def _read_generated(data: bpy.types.Mesh, extracted: ExtractedMesh) -> np.ndarray:
+    """(triangle_count, 3, 3) float32"""
+    assert extracted.mesh is not None
+    places = np.empty((len(data.vertices), 3), np.float32)
+    data.vertices.foreach_get("undeformed_co", places.reshape(-1))
+    location, size = np.array(data.texspace_location, np.float32), np.array(data.texspace_size, np.float32)
+    places -= location
+    places /= np.where(size != 0.0, 2.0 * size, np.float32(1.0))
+    return np.nan_to_num(places + np.float32(0.5))[extracted.mesh.triangles]
 
 
 def _of_triangles(of_corners: np.ndarray, extracted: ExtractedMesh) -> np.ndarray:

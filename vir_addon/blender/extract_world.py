@@ -8,8 +8,9 @@ import numpy as np
 from ..core.material import BLACK, WHITE, Constant, ImageSample, ImageTexels, MaterialInput, Operation, World
 from ..core.material_program import combined, constant, evaluate_on_texels, sampled_images
 from ..core.scene import LeftOut
+from .expressions import clamped
 from .image_texels import UnreadableImage
-from .node_colors import ColorReader, clamped
+from .node_colors import ColorReader
 from .node_inputs import NodeInput, UnreadableNodes, output_target
 
 MAX_SIDE_PX = 4096

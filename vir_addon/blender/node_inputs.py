@@ -136,14 +136,14 @@ def _mapped_source(vector: NodeInput) -> tuple[bpy.types.Node | None, str, mathu
         node, output, here = vector.source()
         if node is None or node.type != "MAPPING":
             return node, output, matrix
-        matrix = matrix @ _mapping_matrix(node, here)
+        matrix = matrix @ mapping_matrix(node, here)
         vector = here.of(node, "Vector")
         if vector.source()[0] is None:
             raise UnreadableNodes(f"the node '{node.name}', which maps nothing")
     raise UnreadableNodes("links that go in a circle")
 
 
-def _mapping_matrix(node: bpy.types.Node, here: NodeInput) -> mathutils.Matrix:
+def mapping_matrix(node: bpy.types.Node, here: NodeInput) -> mathutils.Matrix:
     if node.vector_type == "NORMAL":
         raise UnreadableNodes(f"the node '{node.name}', which maps normals")
     values = {}

@@ -30,6 +30,8 @@ class Extension(enum.Enum):
 class LayerKind(enum.Enum):
     UV = "uv"
     COLOR = "color"
+    GENERATED = "generated"
+    """from 0 to 1 over the mesh's box, before it was deformed"""
 
 
 @dataclass(frozen=True)

@@ -68,8 +68,8 @@ class Mesh:
     material_slot: np.ndarray | None = None
     """(triangle_count,) uint8 into an entry of `SceneSnapshot.material_sets`; None: 0 throughout"""
     layers: Mapping[Layer, np.ndarray] = field(default_factory=lambda: MappingProxyType({}))
-    """(triangle_count, 3, 2) float32 uvs or (triangle_count, 3, 3) float32 linear colours of every triangle's corners, those that materials
-    ask for; only in snapshots with materials"""
+    """(triangle_count, 3, 2) float32 uvs or (triangle_count, 3, 3) float32 linear colours or coordinates of every triangle's corners, those
+    that materials ask for; only in snapshots with materials"""
 
     @property
     def vertex_count(self) -> int:
