@@ -60,6 +60,7 @@ def reflectance_table() -> np.ndarray:
     the lobe and E's mean over all directions; then the coefficients of 1, z, z^2, z^3 of the dielectric curve's mean."""
     roughness = np.linspace(0.0, 1.0, ROUGHNESS_COUNT)
     cosine = np.maximum(np.linspace(0.0, 1.0, COSINE_COUNT), 1e-3)
+    trapezoids = np.convolve(np.diff(cosine), (0.5, 0.5))
     table = np.zeros((ROUGHNESS_COUNT, COSINE_COUNT, TABLE_TEXELS, 4))
     nodes = np.linspace(LEAST_Z, LARGEST_Z, 10)
     fit = np.linalg.pinv(np.vander(nodes, 4, increasing=True))
@@ -70,7 +71,7 @@ def reflectance_table() -> np.ndarray:
         table[row, :, 0, 0] = albedo
         table[row, :, 0, 1] = (weight * schlick).mean(axis=-1) / albedo
         table[row, :, 0, 2] = (weight * to_half * schlick * (1.0 - to_half)).mean(axis=-1) / albedo
-        table[row, :, 0, 3] = 2.0 * np.trapezoid(albedo * cosine, cosine)
+        table[row, :, 0, 3] = 2.0 * (albedo * cosine) @ trapezoids
         curves = []
         for z in nodes:
             straight_on = z**4
