@@ -13,10 +13,9 @@ from .bounds import cullable_instances
 from .fit import FittedFace, fit_light, light_hull, select_receivers
 from .methods import depth_map_method
 from .methods.base import DepthMapMethod, FaceJob
-from .methods.pcss import PercentageCloserSoftShadows
 from .methods.shared import SharedByFaces
 from .pass_set import PassStatistics
-from .passes.accumulate import MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, STATE_LIT, PassAccumulator
+from .passes.accumulate import MIN_EARLY_SETTLING_VIEWS, MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, STATE_LIT, PassAccumulator
 from .passes.eye import EyePass
 from .passes.percentage_closer import PERCENTAGE_CLOSER, LightTaps
 from .passes.scene_data import SceneData
@@ -271,9 +270,9 @@ class LightWork(Shared):
                 only_turn = np.full(self.accumulator.looked_up.shape, FIRST_FACE | LAST_FACE)
                 for part in range(len(eye.buffers)):
                     self._resolve(part, only_turn, {**self._round(eye, part, 0), **empty, **nothing})
-        if self.has_pass and self._may_settle(batch):
+        if self.has_pass and (self._may_settle(batch) or self._may_settle_early(batch)):
             with stopwatch.stage("resolve"):
-                self.accumulator.settle(*eye.buffers[-1])
+                self.accumulator.settle(*eye.buffers[-1], early=not self._may_settle(batch))
         self._update_statistics()
         self.batches_done, self.is_between_batches = batch + 1, True
 
@@ -292,14 +291,27 @@ class LightWork(Shared):
         scale = 1 / (view_count * self.reference_m**2)
         return red * scale, green * scale, blue * scale
 
+    def _may_settle_early(self, batch: int) -> bool:
+        """Once, before that."""
+        return (
+            self._has_to_settle(batch) and not self.accumulator.settling_count and len(self.batch_views(batch)) >= MIN_EARLY_SETTLING_VIEWS
+        )
+
     def _may_settle(self, batch: int) -> bool:
-        """Once, as soon as enough is known, and not when no batch is left to gain from it."""
+        """Once, as soon as enough is known."""
+        return (
+            self._has_to_settle(batch)
+            and batch + 1 >= MIN_SETTLING_BATCHES
+            and (self.batch_views(batch).stop >= MIN_SETTLING_VIEWS or batch + 1 >= self.planned.view_count)
+        )
+
+    def _has_to_settle(self, batch: int) -> bool:
+        """Not when no batch is left to gain from it."""
         return (
             self.plan.settings.resolve is Resolve.ADAPTIVE
             and len(self.faces) > 0
-            and not self.accumulator.settled_round_count
-            and MIN_SETTLING_BATCHES <= batch + 1 < self.plan.batch_count
-            and (self.batch_views(batch).stop >= MIN_SETTLING_VIEWS or batch + 1 >= self.planned.view_count)
+            and not self.accumulator.has_settled
+            and batch + 1 < self.plan.batch_count
         )
 
     def _round(self, eye: EyePass, part: int, view_count: int) -> dict[str, Any]:
@@ -335,7 +347,7 @@ class LightWork(Shared):
         parts = range(len(eye.buffers))
         taps: list[dict[str, Any]] = [{} for _ in parts]
         if self.taps:
-            nearest_m = method.nearest_m if isinstance(method, PercentageCloserSoftShadows) else fitted.views.far_m
+            nearest_m = fitted.views.far_m if method is None else method.nearest_m
             taps = [self.taps.bindings(fitted.views.face, nearest_m, batch * len(parts) + part) for part in parts]
         return [{**self._round(eye, part, len(selected)), **face, **taps[part]} for part in parts]
 

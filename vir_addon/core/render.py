@@ -130,7 +130,7 @@ class Renderer:
         self.reflections: ReflectionWork | None = None
         self._owned = Owned()
         self._current_offsets: list[int] = []
-        self._eye_is_settled = False
+        self._eye_settling_count = 0
         self.statistics = SetStatistics(
             device=f"{device.name}: {device.description}",
             object_count=len(set(snapshot.instances.object_index.tolist())),
@@ -283,12 +283,13 @@ class Renderer:
         if self.reflections is not None:
             self.reflections.end_batch(self.stopwatch)
         shown = [work for work in due if work.has_pass]
-        if not self._eye_is_settled and shown and all(work.accumulator.settled_round_count for work in shown):
+        settling_count = min((work.accumulator.settling_count for work in shown), default=0)
+        if settling_count > self._eye_settling_count:
             wanted = [work.accumulator.looked_up for work in shown]
             if self.reflections is not None:
                 wanted.append(self.reflections.tiles_shown)
             self.eye.want_only(np.any(wanted, axis=0))
-            self._eye_is_settled = True
+            self._eye_settling_count = settling_count
 
     def update_errors(self) -> float:
         shown = [work for work in self.works if work.has_pass]

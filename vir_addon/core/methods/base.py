@@ -59,6 +59,8 @@ class DepthMapMethod(abc.ABC):
         self._cut_out_map_count = 0
         self.kept_maps: DepthMaps | None = None
         """after `fill`: the maps to look up instead of those that it was given"""
+        self.nearest_m = job.fitted.views.near_m
+        """after `fill`: nothing in the maps is nearer"""
 
     @property
     def caster_triangle_count(self) -> int:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from ..passes.percentage_closer import NearestDepth
 from ..passes.shadow_maps import DepthMaps
-from .base import FaceJob, ReplayMethod
+from .base import ReplayMethod
 from .mvr import MultiviewRasterization
 
 BYTES_PER_TEXEL = 8
@@ -16,11 +16,6 @@ BYTES_PER_TEXEL = 8
 
 
 class PercentageCloserSoftShadows(ReplayMethod, MultiviewRasterization):
-    def __init__(self, job: FaceJob) -> None:
-        super().__init__(job)
-        self.nearest_m = 0.0
-        """of what the map stores"""
-
     def _prepare(self) -> None:
         self._nearest_depth = self._owned.own(NearestDepth(self.device))
 

@@ -15,6 +15,10 @@ ERROR_TILE_PX = 16
 MIN_SETTLING_VIEWS = 16
 MIN_SETTLING_BATCHES = 2
 """What so many well-distributed light samples and sub-pixel offsets see alike is taken to be alike."""
+MIN_EARLY_SETTLING_VIEWS = 8
+EARLY_SETTLING_TILES = 2
+"""So few light samples, those of a first batch, are enough for what is lit or background so many tiles around: most of a picture with
+much ground or sky. Shadows that they miss are faint, and as a rule there is one nearby that they do not miss."""
 SETTLE_RADIUS_PX = 3
 """Filters reach 1.5 pixels, and penumbrae do not begin at once: within three pixels of anything else looking up goes on."""
 STATE_MIXED, STATE_LIT, STATE_DARK, STATE_BACKGROUND = 1, 2, 4, 8
@@ -22,6 +26,7 @@ STATE_MIXED, STATE_LIT, STATE_DARK, STATE_BACKGROUND = 1, 2, 4, 8
 SETTLED_DEFINES = {"STATE_LIT": STATE_LIT, "STATE_DARK": STATE_DARK, "STATE_BACKGROUND": STATE_BACKGROUND}
 ROUND_SUMS_TEXT = "sums over rounds: shadowed s, delivered d, squared deviations of s from the ratio so far, surface samples"
 SUMS_TEXTURES = {"round_sums": Sampled("sampler2D", ROUND_SUMS_TEXT)}
+TILE_ROUNDS_TEXTURES = {"tile_rounds": Sampled("sampler2D", "x: rounds in the sums of every tile")}
 
 PASS_ERROR = ComputeDeclaration(
     name="pass_error",
@@ -40,12 +45,13 @@ PASS_STATES = ComputeDeclaration(
     local_size=(8, 8, 1),
     textures={
         **SUMS_TEXTURES,
+        **TILE_ROUNDS_TEXTURES,
         "positions": Sampled("sampler2D", "position (world space) and instance number, -1 for the background"),
         "normals": Sampled("sampler2D", "geometric normal (world space)"),
     },
     images={"states": Stored("R32UI", "write", "one bit a state")},
-    constants={**SIZE_CONSTANTS, "round_count": Constant("int", "rounds in the sums")},
-    defines={**SETTLED_DEFINES, "STATE_MIXED": STATE_MIXED},
+    constants=SIZE_CONSTANTS,
+    defines={**SETTLED_DEFINES, "STATE_MIXED": STATE_MIXED, "TILE_PX": TILE_PX},
 )
 
 SETTLE_TILES = ComputeDeclaration(
@@ -64,7 +70,7 @@ COMBINE_PASSES = ComputeDeclaration(
     text="adds a light's pass to a picture that stays on the device",
     source="combine_passes.comp.glsl",
     local_size=(8, 8, 1),
-    textures={**SUMS_TEXTURES, "tile_rounds": Sampled("sampler2D", "x: rounds in the sums of every tile")},
+    textures={**SUMS_TEXTURES, **TILE_ROUNDS_TEXTURES},
     images={"picture": Stored("RGBA32F", "read_write", "shadowed and delivered light, and the share of eye samples that saw a surface")},
     constants={
         **SIZE_CONSTANTS,
@@ -93,8 +99,12 @@ class PassAccumulator:
             """set by probes for settled tiles that are not what they were"""
             self._owned = owned.pop_all()
         self.round_count = 0
-        self.settled_round_count = 0
-        """rounds in the sums of settled tiles; 0 as long as none were looked for"""
+        self._settled_rounds = np.zeros((rows, columns))
+        """rounds in the sums of settled tiles"""
+        self.settling_count = 0
+        """how often tiles to settle were looked for"""
+        self.has_settled = False
+        """for good"""
 
     @property
     def looked_up(self) -> np.ndarray:
@@ -114,10 +124,11 @@ class PassAccumulator:
         """Settled ones, for RESOLVE with PROBES. wanted: (rows, columns) bool"""
         return Tiles(self.device, ~self.looked_up & wanted, np.stack([self.tile_states, np.ones(wanted.shape)], axis=-1))
 
-    def settle(self, positions: Texture, normals: Texture) -> None:
+    def settle(self, positions: Texture, normals: Texture, *, early: bool) -> None:
         """Leave tiles out of later batches that lie in the middle of what is wholly lit, dark or background so far.
 
-        positions, normals: of the latest eye G-buffer. Surfaces that meet or pass each other are looked up on.
+        positions, normals: of the latest eye G-buffer. Surfaces that meet or pass each other are looked up on. early: only tiles that have
+        nothing dark nearby.
         """
         rows, columns = self.tile_states.shape
         size = {"width": self.width, "height": self.height}
@@ -127,15 +138,23 @@ class PassAccumulator:
             self.device.compute_kernel(PASS_STATES).dispatch_grid(
                 (self.width, self.height),
                 round_sums=self.round_sums,
+                tile_rounds=temporary.own(self._tile_rounds_texture()),
                 positions=positions,
                 normals=normals,
                 states=states,
-                round_count=self.round_count,
                 **size,
             )
             self.device.compute_kernel(SETTLE_TILES).dispatch_grid((columns, rows), states=states, tile_states=tile_states, **size)
-            self.tile_states = self.device.read(tile_states)
-        self.settled_round_count = self.round_count
+            found = self.device.read(tile_states)
+        if early:
+            others = (found != STATE_LIT) & (found != STATE_BACKGROUND)
+            for _ in range(EARLY_SETTLING_TILES):
+                others = with_neighbours(others)
+            found = np.where(others, 0, found)
+        self._settled_rounds = np.where(self.looked_up, self.round_count, self._settled_rounds)
+        self.tile_states = np.where(self.looked_up, found, self.tile_states).astype(np.uint32)
+        self.settling_count += 1
+        self.has_settled = not early
 
     def reopen(self, skipped_count: int) -> np.ndarray:
         """Look tiles up again that the latest probes found changed, and those around them.
@@ -147,7 +166,7 @@ class PassAccumulator:
         if reopened.any():
             self.tile_states = np.where(reopened, 0, self.tile_states).astype(np.uint32)
             missed = self.round_count - len(self._repeats) + skipped_count
-            self._repeats[skipped_count, reopened] = missed / self.settled_round_count
+            self._repeats[skipped_count, reopened] = missed / self._settled_rounds[reopened]
         return reopened
 
     @property
@@ -184,13 +203,11 @@ class PassAccumulator:
 
     def add_to(self, picture: Texture, weight: float, *, is_first: bool) -> None:
         """picture: of `COMBINE_PASSES`; `pass_image` says what it means"""
-        texels = np.zeros((*self.tile_states.shape, 4), np.float32)
-        texels[..., 0] = self._tile_rounds
         with Owned() as temporary:
             self.device.compute_kernel(COMBINE_PASSES).dispatch_grid(
                 (self.width, self.height),
                 round_sums=self.round_sums,
-                tile_rounds=temporary.own(self.device.upload_texture(texels)),
+                tile_rounds=temporary.own(self._tile_rounds_texture()),
                 picture=picture,
                 width=self.width,
                 height=self.height,
@@ -201,7 +218,12 @@ class PassAccumulator:
     @property
     def _tile_rounds(self) -> np.ndarray:
         """(rows, columns) rounds in the sums of every tile"""
-        return np.where(self.looked_up, max(self.round_count, 1), max(self.settled_round_count, 1))
+        return np.where(self.looked_up, max(self.round_count, 1), self._settled_rounds)
+
+    def _tile_rounds_texture(self) -> Texture:
+        texels = np.zeros((*self.tile_states.shape, 4), np.float32)
+        texels[..., 0] = self._tile_rounds
+        return self.device.upload_texture(texels)
 
     def release(self) -> None:
         self._owned.close()
