@@ -176,6 +176,8 @@ def test_exit_statuses(blend, folder):
         (2, "choose the method ivir", ("plan", blend, "--method", "micro", "--points", "bufferless")),
         (2, "choose the method ivir", ("plan", blend, "--method", "micro", "--point-generation", "rasterizer")),
         (2, "at most 1 texel", ("plan", blend, "--culling-area", "2")),
+        (2, "--culling-area does nothing with the method micro", ("plan", blend, "--method", "micro", "--culling-area", "0.1")),
+        (2, "--pcss-samples does nothing with the method auto", ("plan", blend, "--pcss-samples", "32+64")),
         (3, "is not there", ("render", folder / "missing.blend", "--output", folder / "x")),
         (3, "not a .blend", ("plan", broken)),
         (3, "camera", ("plan", no_camera)),

@@ -6,8 +6,10 @@ import argparse
 import enum
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from .. import __version__
+from ..core.errors import UsageError
 from ..core.settings import Effect, Method, PointGeneration, PointStorage, ReflectionLookUp, Resolve, Settings
 
 EXIT_STATUS_TEXT = "exit status: 0 done, 2 wrong usage, 3 the scene cannot be rendered, 4 no usable device, 130 stopped with Ctrl-C"
@@ -137,7 +139,6 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--culling-area",
         type=float,
-        default=defaults.culling_area_texels,
         metavar="TEXELS",
         help="ivir, hybrid and the points of epr cull smaller triangles at random; at most 1: 0.1 (default) as published, 0.125 as in the "
         "preprint, 0 none",
@@ -149,13 +150,12 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help=f"light samples of each light with a size; default {defaults.view_count}; pcss has one map whatever this says",
     )
-    pcss_counts = defaults.blocker_sample_count, defaults.filter_sample_count
     parser.add_argument(
         "--pcss-samples",
         type=parse_sample_counts,
-        default=pcss_counts,
         metavar="N+M",
-        help=f"of pcss: samples that search for blockers and samples of the filter, a look-up; default {pcss_counts[0]}+{pcss_counts[1]}",
+        help="of pcss: samples that search for blockers and samples of the filter, a look-up; default "
+        f"{defaults.blocker_sample_count}+{defaults.filter_sample_count}",
     )
     parser.add_argument(
         "--map-resolution",
@@ -189,20 +189,29 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def settings_of(arguments: argparse.Namespace) -> Settings:
-    """Raises UsageError for values out of range."""
+    """Raises UsageError for values out of range, and for options of methods other than the chosen one."""
+    method = arguments.method
+    options: dict[str, Any] = {}
+    if arguments.culling_area is not None:
+        if not method.may_cull_at_random:
+            fitting = ", ".join(each.value for each in Method if each.may_cull_at_random)
+            raise UsageError(f"--culling-area does nothing with the method {method.value}; leave it out, or choose one of {fitting}")
+        options["stochastic_culling"] = arguments.culling_area != 0
+        options["culling_area_texels"] = arguments.culling_area or Settings.culling_area_texels
+    if arguments.pcss_samples is not None:
+        if method is not Method.PCSS:
+            raise UsageError(f"--pcss-samples does nothing with the method {method.value}; leave it out, or choose {Method.PCSS.value}")
+        options["blocker_sample_count"], options["filter_sample_count"] = arguments.pcss_samples
     return Settings(
         effects=arguments.effects,
         bounces=arguments.bounces,
         reflection_look_up=arguments.reflection_look_up,
-        method=arguments.method,
+        method=method,
         points=arguments.points,
         point_generation=arguments.point_generation,
-        stochastic_culling=arguments.culling_area != 0,
-        culling_area_texels=arguments.culling_area or Settings.culling_area_texels,
         view_count=arguments.views,
-        blocker_sample_count=arguments.pcss_samples[0],
-        filter_sample_count=arguments.pcss_samples[1],
         map_resolution_px=arguments.map_resolution,
         light_names=arguments.lights,
         resolve=arguments.resolve,
+        **options,
     )

@@ -83,7 +83,9 @@ def print_statistics(console: Console, statistics: SetStatistics) -> None:
         times = [f"{made.stage_ms[stage]:.0f}" if stage in made.stage_ms else "" for stage in ("points", "splat or raster", "resolve")]
         faces = f" x {made.face_count} faces" if made.face_count > 1 else ""
         maps = f"{made.map_resolution_px} px{faces}" if made.map_resolution_px else "none"
-        table.add_row(made.pass_name, made.method, str(made.view_count), maps, _prepared(made), *times, error_text(made.error_estimate))
+        # a single map is wrong in all rounds alike, which their spread does not show
+        error = error_text(made.error_estimate) + " + bias" * bool(made.filter_sample_count)
+        table.add_row(made.pass_name, made.method, str(made.view_count), maps, _prepared(made), *times, error)
     if statistics.passes:
         console.print(table)
     if statistics.reflections is not None:

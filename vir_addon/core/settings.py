@@ -36,6 +36,11 @@ class Method(enum.Enum):
         return self in (Method.AUTO, Method.IVIR, Method.HYBRID, Method.VWSS, Method.EPR)
 
     @property
+    def may_cull_at_random(self) -> bool:
+        """Whether small triangles may be culled stochastically; with AUTO it counts for lights that such a method is chosen for."""
+        return self in (Method.AUTO, Method.IVIR, Method.HYBRID, Method.EPR)
+
+    @property
     def shrinks_cut_outs(self) -> bool:
         """Whether RESOLVE takes all that is in the maps for points and what the rasterizer draws into them for half a texel too large."""
         return self in (Method.IVIR, Method.VIR)
