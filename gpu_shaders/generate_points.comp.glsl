@@ -65,7 +65,7 @@ void emit_points(AlignedTriangle t, Cells cells, uint touched) {
     uint next = imageAtomicAdd(counters, ivec2(0, 0), count);
 #ifdef INTO_BUFFER
     // counted all the same: the host learns how much room is missing and works in portions
-    if (next + count > uint(point_capacity)) {
+    if (next + count > uint(texel_capacity)) {
         return;
     }
     float packed_normal = pack_direction(t.n);
@@ -95,10 +95,10 @@ void emit_splats(AlignedTriangle t, Cells cells, uint touched, int instance, int
     }
     uint next = imageAtomicAdd(counters, ivec2(4, 0), count);
 #ifdef INTO_BUFFER
-    if (2u * (next + count) > uint(point_capacity)) {
+    if (2u * (next + count) > uint(texel_capacity)) {
         return;
     }
-    int place = point_capacity - 2 * int(next);
+    int place = texel_capacity - 2 * int(next);
 #endif
     for (int j = 0; j < cells.count_y; j++) {
         for (int i = 0; i < cells.count_x; i++) {

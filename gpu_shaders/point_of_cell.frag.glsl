@@ -25,7 +25,7 @@ void main() {
     int index = int(imageAtomicAdd(counters, ivec2(0, 0), 1u));
 #ifdef INTO_BUFFER
     // counted all the same: the host learns how much room is missing
-    if (index < point_capacity) {
+    if (index < texel_capacity) {
         imageStore(points, linear_texel(index), vec4(p_fs, pack_direction(t.n)));
     }
 #else

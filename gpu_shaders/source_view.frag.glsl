@@ -14,7 +14,7 @@ void main() {
 #ifdef INTO_BUFFER
     int index = int(imageAtomicAdd(counters, ivec2(0, 0), 1u));
     // counted all the same: the host learns how much room is missing
-    if (index < point_capacity) {
+    if (index < texel_capacity) {
         imageStore(points, linear_texel(index), vec4(p_fs, pack_direction(normal_fs)));
     }
 #else

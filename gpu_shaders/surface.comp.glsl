@@ -8,14 +8,8 @@ void main() {
         return;
     }
     uvec2 seen = texelFetch(visibility, samples_per_px * (pixel + margin_px) + ivec2(sample_x, sample_y), 0).xy;
-    if (seen.x == 0u) {
-        imageStore(positions, pixel, vec4(0.0, 0.0, 0.0, -1.0));
-        imageStore(normals, pixel, vec4(0.0));
-#ifdef WITH_TRIANGLES
-        imageStore(surfaces, pixel, vec4(0.0));
-#endif
-        return;
-    }
+    // the background goes through all of it as well: stores of its own would cost a software rasterizer more
+    bool is_surface = seen.x != 0u;
     // the ray through the pixel's (shifted) centre: to the corner, along a row, along a column, eye
     vec2 at = vec2(pixel) + 0.5;
     vec3 to_plane = eye[0].xyz + at.x * eye[1].xyz + at.y * eye[2].xyz;
@@ -23,7 +17,7 @@ void main() {
     vec3 origin = orthographic ? eye[3].xyz + to_plane : eye[3].xyz;
     vec3 direction = orthographic ? eye[4].xyz : to_plane;
 
-    InstanceData instance = load_instance(int(seen.x) - 1);
+    InstanceData instance = load_instance(max(int(seen.x) - 1, 0));
     TriangleData triangle = load_triangle(instance, int(seen.y));
     vec3 weights = intersection_weights(triangle, origin, direction);
     vec3 position = weights.x * triangle.position_ws[0] + weights.y * triangle.position_ws[1] + weights.z * triangle.position_ws[2];
@@ -36,9 +30,9 @@ void main() {
         geometric = -geometric;
         shading = -shading;
     }
-    imageStore(positions, pixel, vec4(position, float(seen.x) - 1.0));
-    imageStore(normals, pixel, vec4(geometric, pack_direction(shading)));
+    imageStore(positions, pixel, is_surface ? vec4(position, float(seen.x) - 1.0) : vec4(0.0, 0.0, 0.0, -1.0));
+    imageStore(normals, pixel, is_surface ? vec4(geometric, pack_direction(shading)) : vec4(0.0));
 #ifdef WITH_TRIANGLES
-    imageStore(surfaces, pixel, vec4(float(seen.y), weights.yz, 0.0));
+    imageStore(surfaces, pixel, is_surface ? vec4(float(seen.y), weights.yz, 0.0) : vec4(0.0));
 #endif
 }

@@ -32,7 +32,7 @@ class HybridRasterization(ImprovedViewIndependentRasterization):
         super()._prepare()
         if self.storage is PointStorage.BUFFERLESS:
             # the rasterizer comes before the first points: a buffer without room leaves only the list
-            self._run_triangles(self.buffer_triangles, 0, self.work.group_count, points=self.tiles.texture, point_capacity=0)
+            self._run_triangles(self.buffer_triangles, 0, self.work.group_count, points=self.tiles.texture, texel_capacity=0)
 
     @property
     def held_bytes(self) -> int:

@@ -150,7 +150,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
 
     def _generate_into_buffer(self, portion: _Portion) -> tuple[int, int]:
         """Returns how many texels the points take (more than the buffer has: the rest is lost) and triangles culled."""
-        outputs = {"points": self.points.texture, "point_capacity": self.points.texel_count}
+        outputs = {"points": self.points.texture, "texel_capacity": self.points.texel_count}
         self._run_triangles(self.buffer_triangles, portion.first_group, portion.group_count, **outputs)
         self._run_tiles(self.buffer_tiles, 0, self.tile_count, **outputs)
         culled = self._read_counts()
@@ -172,7 +172,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
                 self._generate_into_buffer(portion)
                 yield
                 continue
-            outputs = {"points": self.points.texture, "point_capacity": self.points.texel_count}
+            outputs = {"points": self.points.texture, "texel_capacity": self.points.texel_count}
             self._run_triangles(self.buffer_triangles, portion.first_group, portion.group_count, **outputs)
             # tiles come in another order each time they are found, so they are counted off within one finding
             for first_tile in range(0, self.tile_count, portion.tiles_at_once):

@@ -164,7 +164,7 @@ class ViewWarpedSoftShadows(ReplayMethod):
         """Returns how many points there are; more than the buffer holds are lost."""
         self.device.fill(self.counters, 0)
         for part in parts:
-            self._draw(part, BUFFER_FRAGMENTS, counters=self.counters, points=self.points.texture, point_capacity=self.points.texel_count)
+            self._draw(part, BUFFER_FRAGMENTS, counters=self.counters, points=self.points.texture, texel_capacity=self.points.texel_count)
         self.buffered_point_count = int(self.device.read(self.counters)[0, 0])
         return self.buffered_point_count
 

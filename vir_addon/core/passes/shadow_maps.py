@@ -187,7 +187,7 @@ def _generate(name: str, text: str, source_flag: str, output_flag: str, *, list_
         constants |= {"first_tile": Constant("int", "the first tile to sample"), "tile_count": Constant("int", "tiles to sample")}
     if into_buffer:
         images |= POINT_STORE
-        constants["point_capacity"] = Constant("int", "points that the buffer holds")
+        constants["texel_capacity"] = Constant("int", "texels of the buffer: a point takes one, a splat two")
     else:
         images["depth_maps"] = DEPTH_MAPS_ATOMIC
         constants["view_count"] = VIEW_COUNT
@@ -294,7 +294,7 @@ SPLAT_TILES_BY_RASTERIZER = _by_rasterizer(SPLAT_TILES)
 def _warp(name: str, text: str, into_buffer: bool) -> RasterDeclaration:
     if into_buffer:
         images = {"counters": COUNTERS, **POINT_STORE}
-        constants = {"point_capacity": Constant("int", "points that the buffer holds")}
+        constants = {"texel_capacity": Constant("int", "texels of the buffer: a point takes one, a splat two")}
         tables = {"face": FACE_TABLE}
     else:
         images = {"depth_maps": DEPTH_MAPS_ATOMIC}
