@@ -20,7 +20,7 @@ from vir_addon.core.passes.tiles import PROBE_COUNT, PROBE_STEP_PX, probe_px
 from vir_addon.core.plan import plan
 from vir_addon.core.render import render
 from vir_addon.core.scene import PixelFilter
-from vir_addon.core.settings import Method, Resolve, Settings
+from vir_addon.core.settings import Hardware, Method, Resolve, Settings
 
 
 def both(scene, device, **settings):
@@ -142,6 +142,7 @@ def test_it_is_on_unless_turned_off(device):
     assert settled_shares(scene, device) == settled_shares(scene, device, resolve=Resolve.ADAPTIVE)
     assert settled_shares(scene, device)[0] > 0.3
     assert settled_shares(scene, device, resolve=Resolve.FULL) == [0.0]
+    assert settled_shares(scene, device, hardware=Hardware.GPU) == [0.0]
 
 
 def test_probes_reach_every_pixel():

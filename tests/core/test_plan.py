@@ -203,8 +203,8 @@ def test_more_triangles_are_predicted_to_take_longer(method):
 
 def test_auto_chooses_by_what_will_render():
     """Where triangles are smaller than texels, a GPU replays the few points that are kept for less than a software rasterizer does."""
-    arguments = {"replay_buffer_mib": 4, "view_count": 32, "map_resolution_px": 128}
-    chosen = {hardware: planned(fine_scene(150), hardware=hardware, **arguments).method for hardware in Hardware}
+    arguments = {"view_count": 16, "map_resolution_px": 128}
+    chosen = {hardware: planned(fine_scene(300), hardware=hardware, **arguments).method for hardware in Hardware}
     assert chosen == {Hardware.SOFTWARE: Method.MICRO, Hardware.GPU: Method.IVIR}
 
 

@@ -88,8 +88,10 @@ def test_pass_lies_within_a_texel_of_the_truth(device, name, method):
     assert truth.exact[truth.surface].std() > 0.1
     outside = np.maximum(truth.low - image, image - truth.high)
     wrong = outside > 2e-3
-    width, error = (truth.high - truth.low)[truth.surface].mean(), rmse(image, truth.exact)
+    width = (truth.high - truth.low)[truth.surface]
+    # within a texel of an edge a pixel that few samples light may be right with any value, and drivers round differently
+    decided = truth.surface.copy()
+    decided[truth.surface] = width < 0.5
     assert wrong.sum() <= 2, list(zip(*np.nonzero(wrong), image[wrong], truth.low[wrong], truth.high[wrong], strict=True))
-    assert width < 0.05
-    # one sample: a pixel is either right or wholly wrong
-    assert error < (0.06 if len(work.samples_m) == 1 else 0.02)
+    assert width.mean() < 0.05 and decided.sum() > 0.95 * truth.surface.sum()
+    assert rmse(image[decided], truth.exact[decided]) < 0.02

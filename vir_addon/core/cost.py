@@ -28,6 +28,8 @@ MAX_LAYERS = 16
 """surfaces one behind the other that large triangles are taken to fill the maps with"""
 POINTS_PER_TEXEL = 2.0
 """of the watertight lattice on a surface that faces the view (core/passes/shadow_maps.py); the published one has half"""
+NEW_DRAW_SHARE = 0.2
+"""of the instances of a mesh that begin a draw: those of a view which follow each other share one"""
 GLOBAL_RATE_SHARE = 2.0
 """points of vir for one of ivir: 238 to 122 thousand in the preprint of 2020, section 3.2"""
 
@@ -82,18 +84,18 @@ RATES = {
         filter_tap=5.0,
         eye_pixel=60.0,
     ),
-    # triangles: 1.5 ns of a closed surface, 5 of a forest's, gathered; points: 0.04 and 0.09
+    # points replayed: 0.04 where they spread evenly, several times that where many fall into a texel
     Hardware.GPU: Rates(
         raster_triangle=0.8,
         raster_texel=0.02,
-        raster_draw=35_000.0,
+        raster_draw=23_000.0,
         cut_out_texel=0.1,
-        gather_triangle=3.0,
-        small_triangle=0.15,
-        small_texel=0.03,
-        generate_triangle=2.5,
-        generate_point=1.0,
-        splat_point=0.05,
+        gather_triangle=1.8,
+        small_triangle=0.13,
+        small_texel=0.05,
+        generate_triangle=1.0,
+        generate_point=0.3,
+        splat_point=0.3,
         clear_texel=0.01,
         look_up=0.7,
         filter_tap=0.2,
@@ -222,20 +224,28 @@ def estimate_methods(
     estimates = _estimate_instances(snapshot, light, settings, bounds)
     triangles = float(estimates.triangle_count.sum())
     texels = face_count * float(settings.map_resolution_px) ** 2
-    draws = len(np.unique(snapshot.instances.mesh_index[estimates.triangle_count > 0]))
+    draws = _draw_count(snapshot, estimates.triangle_count > 0)
     covered = min(float((estimates.triangle_count * estimates.facing * estimates.texel_area).sum()), MAX_LAYERS * texels)
     raster_ns = view_count * (triangles * rates.raster_triangle + draws * rates.raster_draw + texels * rates.raster_texel)
 
     facing = estimates.triangle_count * estimates.facing
     small = float((facing * estimates.small_share).sum())
-    large = float((facing * (1 - estimates.small_share)).sum())
+
+    def rasterized_ns(counts: np.ndarray) -> float:
+        """A view of the (instance_count,) triangles that micro and hybrid leave to the rasterizer."""
+        drawn = counts >= 1
+        if not drawn.any():
+            return 0.0
+        draws_ns = max(face_count, NEW_DRAW_SHARE * int(drawn.sum())) * rates.raster_draw
+        return float(counts.sum()) * rates.raster_triangle + draws_ns + texels * rates.raster_texel
+
     budget_bytes = settings.replay_buffer_mib << 20
     gatherings = 1 if small * MICRO_BYTES_PER_TRIANGLE <= budget_bytes else batch_count
     micro_ns = gatherings * face_count * triangles * rates.gather_triangle + view_count * (
         small * rates.small_triangle
         + min(float((facing * estimates.texel_area * estimates.small_area_share).sum()), covered) * rates.small_texel
         + texels * rates.clear_texel
-        + (large * rates.raster_triangle + face_count * rates.raster_draw + texels * rates.raster_texel if large else 0.0)
+        + rasterized_ns(facing * (1 - estimates.small_share))
     )
 
     point_counts = _point_counts(estimates, settings)
@@ -248,10 +258,7 @@ def estimate_methods(
         return walk_ns + view_count * (points * rates.splat_point + texels * rates.clear_texel)
 
     few_points = point_counts <= settings.small_triangle_points
-    rasterized = float(facing[~few_points].sum())
-    hybrid_ns = points_ns(few_points) + view_count * (
-        rasterized * rates.raster_triangle + face_count * rates.raster_draw + texels * rates.raster_texel if rasterized else 0.0
-    )
+    hybrid_ns = points_ns(few_points) + view_count * rasterized_ns(facing * ~few_points)
     everything = np.ones_like(few_points)
     # splats cover texels as micro's triangles do, and what is large is cut into few
     walks = 1 if settings.points is PointStorage.BUFFERED else batch_count
@@ -272,9 +279,15 @@ def estimate_methods(
     return {method: (ns + cut_out_ns) * 1e-6 for method, ns in nanoseconds.items()}
 
 
+def _draw_count(snapshot: SceneSnapshot, drawn: np.ndarray) -> float:
+    """A view's, of (instance_count,) bool."""
+    meshes = len(np.unique(snapshot.instances.mesh_index[drawn]))
+    return meshes + NEW_DRAW_SHARE * (int(drawn.sum()) - meshes)
+
+
 def _cut_out_ns_a_view(snapshot: SceneSnapshot, estimates: _InstanceEstimates, texels: float, rates: Rates) -> float:
     """The same for all methods, as all hand them to the rasterizer."""
     count = estimates.cut_out_count
-    draws = len(np.unique(snapshot.instances.mesh_index[count > 0]))
+    draws = _draw_count(snapshot, count > 0)
     covered = min(float((count * estimates.texel_area).sum()), MAX_LAYERS * texels)
     return float(count.sum()) * rates.raster_triangle + draws * rates.raster_draw + covered * rates.cut_out_texel

@@ -24,7 +24,7 @@ from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
 from .reflection_work import ReflectionWork
 from .sampling import light_samples, sample_weights
 from .scene import Light, LightShape
-from .settings import Method, Resolve
+from .settings import Method
 from .steps import Steps, run_steps
 from .stopwatch import Stopwatch
 
@@ -308,7 +308,7 @@ class LightWork(Shared):
     def _has_to_settle(self, batch: int) -> bool:
         """Not when no batch is left to gain from it."""
         return (
-            self.plan.settings.resolve is Resolve.ADAPTIVE
+            self.plan.settings.is_adaptive
             and len(self.faces) > 0
             and not self.accumulator.has_settled
             and batch + 1 < self.plan.batch_count

@@ -25,8 +25,10 @@ MIN_EYE_SAMPLES = 8
 MAX_EYE_SAMPLES = 16
 """Anti-aliasing gains little from more: with 16 samples of the filter an edge pixel is off by about a fiftieth."""
 
-AUTO_METHODS = (Method.MICRO, Method.MVR, Method.IVIR, Method.HYBRID)
+AUTO_METHODS = (Method.MICRO, Method.MVR, Method.IVIR)
 """What `auto` chooses from; the others are there to be compared with these, and were nowhere measured to be faster."""
+GPU_AUTO_METHODS = (Method.HYBRID,)
+"""and from these on a GPU: three times as fast as any of the others where there are far more triangles than texels"""
 NO_MAP_REASON = "no map needed: nothing casts a shadow on what is in the picture"
 
 MIN_EYE_SAMPLE_VIEWS = 4
@@ -282,8 +284,9 @@ def _plan_light(
     has_cut_outs = any(snapshot.meshes[index].opacity_map is not None for index in _caster_meshes(snapshot, light))
     if settings.method is Method.AUTO:
         # what the rasterizer draws into splatted maps loses half a texel at every outline, and lace is nothing but outlines
-        method = min((m for m in AUTO_METHODS if not (has_cut_outs and m.shrinks_cut_outs)), key=lambda m: estimates[m])
-        other = max(AUTO_METHODS, key=lambda m: estimates[m])
+        methods = AUTO_METHODS + GPU_AUTO_METHODS * (settings.hardware is Hardware.GPU)
+        method = min((m for m in methods if not (has_cut_outs and m.shrinks_cut_outs)), key=lambda m: estimates[m])
+        other = max(methods, key=lambda m: estimates[m])
         reason += (
             f"; {method.value} about {max(estimates[other] / max(estimates[method], 1e-9), 1.0):.1f} times faster than {other.value} here"
         )

@@ -77,6 +77,8 @@ class PointGeneration(enum.Enum):
 
 
 class Resolve(enum.Enum):
+    AUTO = "auto"
+    """ADAPTIVE on a software rasterizer; FULL on a GPU, which looks everything up in less time than it takes to find out what not to."""
     ADAPTIVE = "adaptive"
     """Tiles that the first batches find wholly lit or dark, with all pixels around, are only probed from then on, and looked up again
     where a probe finds something else."""
@@ -114,7 +116,7 @@ class Settings:
     section 3.2)"""
     culling_area_texels: float = 0.1
     """T: a tenth as published in 2022; the preprint of 2020 (section 3.3) has an eighth"""
-    resolve: Resolve = Resolve.ADAPTIVE
+    resolve: Resolve = Resolve.AUTO
     cull_hidden: bool = True
     """after the first batch of views, leave out buffered points and small triangles that none of its views is near to seeing"""
     watertight: bool = True
@@ -139,6 +141,11 @@ class Settings:
     """memory for the maps of all reflectors; where they would take more they get smaller"""
     hardware: Hardware = Hardware.SOFTWARE
     """what will render: front ends ask the device (`core.plan.settings_for`)"""
+
+    @property
+    def is_adaptive(self) -> bool:
+        """Whether tiles settle."""
+        return self.resolve is Resolve.ADAPTIVE or (self.resolve is Resolve.AUTO and self.hardware is Hardware.SOFTWARE)
 
     def __post_init__(self) -> None:
         self._check_effects()
