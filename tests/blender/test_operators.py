@@ -165,11 +165,20 @@ def test_switching_the_extension_off_ends_what_runs(room):
     blender.register()
 
 
+def test_a_cancelled_render_has_ended_before_its_device_is_closed(room):
+    room.vir.view_count = 4096
+    render = SteppedRender(operators.plan_frame(room), "moderngl")
+    render.cancel()  # as Escape does, without waiting
+    blender.unregister()
+    assert render.is_done and render.error is None
+    blender.register()
+
+
 def test_opening_another_file_ends_what_runs(room):
     room.vir.view_count = 4096
     frame_state.state_of(room).running = render = SteppedRender(operators.plan_frame(room), "moderngl")
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    assert render.is_done and not frame_state.running_renders()
+    assert render.is_done and frame_state.state_of(bpy.context.scene).running is None
 
 
 def test_an_error_of_the_device_arrives_and_the_next_render_works(room, monkeypatch):

@@ -15,7 +15,7 @@ from ..core.forecast import Forecast, make_forecast, predict_error
 from ..core.pass_set import PassSet, PassStatistics, SetStatistics
 from ..core.plan import PlannedPass
 from .job import LayerJob
-from .stepped_render import SteppedRender
+from .stepped_render import SteppedRender, stop_all
 
 
 @dataclass
@@ -56,10 +56,6 @@ def state_of(scene: bpy.types.Scene) -> SceneState:
     return _states.setdefault(scene.session_uid, SceneState())
 
 
-def running_renders() -> list[SteppedRender]:
-    return [state.running for state in _states.values() if state.running is not None]
-
-
 def forget_running(render: SteppedRender) -> None:
     """The render has ended, or nobody waits for it any more; its scene may be gone."""
     for state in _states.values():
@@ -69,9 +65,10 @@ def forget_running(render: SteppedRender) -> None:
 
 def forget_all() -> None:
     """Stop what runs and forget all scenes."""
-    for render in running_renders():
-        render.cancel()
-        render.join()
+    for state in _states.values():
+        if state.running is not None:
+            state.running.cancel()
+    stop_all()
     _states.clear()
 
 

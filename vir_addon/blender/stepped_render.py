@@ -36,6 +36,17 @@ class RenderState:
     light_name: str | None = None
 
 
+_unfinished: set[SteppedRender] = set()
+"""renders whose thread has not ended, also cancelled ones that are at their last stage"""
+
+
+def stop_all() -> None:
+    """Cancel what runs on threads and wait for it: afterwards nobody uses a device."""
+    for each in list(_unfinished):
+        each.cancel()
+        each.join()
+
+
 class SteppedRender:
     """Renders the jobs of a frame's view layers. Whoever makes one steps it until `is_done`, or cancels it."""
 
@@ -52,6 +63,7 @@ class SteppedRender:
         self._steps = self._render()
         self._thread: threading.Thread | None = None
         if not devices.is_bound_to_main_thread(device_name):
+            _unfinished.add(self)
             self._thread = threading.Thread(target=self._run_through, name="vir-render", daemon=True)
             self._thread.start()
 
@@ -85,6 +97,7 @@ class SteppedRender:
     def _run_through(self) -> None:
         while not self.is_done:
             self._advance()
+        _unfinished.discard(self)
 
     def _advance(self) -> None:
         try:
