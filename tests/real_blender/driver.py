@@ -62,8 +62,9 @@ def redraw() -> None:
 
 def screenshot(name: str) -> Steps:
     """FOLDER/NAME.png of the whole window."""
-    redraw()
-    yield 1.5  # panels slide into their places
+    for _ in range(4):  # panels slide into their places, a step a redraw
+        redraw()
+        yield 0.5
     target = FOLDER / f"{name}.png"
     if command := os.environ.get("SCREENSHOT"):
         subprocess.run([*shlex.split(command), str(target)], check=True)

@@ -135,12 +135,13 @@ def _draw_light(layout: Any, context: Any, state: SceneState) -> None:
         return
     box = layout.box()
     wishes = chosen.data.vir
-    row = box.row(heading=chosen.name)
+    box.label(text=chosen.name, icon=LIGHT_ICONS.get(chosen.data.type, "LIGHT"))
+    row = box.row()
     row.active = wishes.use_pass
     row.prop(wishes, "use_own_views")
     views = row.row()
     views.enabled = wishes.use_own_views
-    views.prop(wishes, "view_count", text="" if wishes.use_own_views else "As the scene")
+    views.prop(wishes, "view_count", text="")
     planned = state.planned(chosen.name)
     if planned is not None:
         _draw_text(box, context, planned.reason[:1].upper() + planned.reason[1:] + ".", "NONE")
