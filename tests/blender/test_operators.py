@@ -224,10 +224,10 @@ def test_no_surface(room, left):
     assert not scene_images(room.name)
 
 
-def test_choices_that_exclude_each_other_are_said(room):
-    room.vir.method, room.vir.points = "MVR", "BUFFERLESS"
-    refuse(bpy.ops.vir.render, "mvr")
-    assert "mvr" in frame_state.state_of(room).problem
+def test_asking_for_nothing_is_said(room):
+    room.vir.use_soft_shadows = room.vir.use_omni_shadows = False
+    refuse(bpy.ops.vir.render, "effect")
+    assert "effect" in frame_state.state_of(room).problem
 
 
 def test_nothing_to_add_and_nothing_to_report_yet(room):

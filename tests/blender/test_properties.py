@@ -75,9 +75,17 @@ def test_every_property_says_what_it_does(registered):
                     assert item.description, f"{described.identifier} {item.identifier}"
 
 
-def test_choices_that_exclude_each_other_are_an_error_in_words(registered):
-    registered.vir.method, registered.vir.points = "MVR", "BUFFERLESS"
-    with pytest.raises(UsageError, match="mvr"):
+def test_asking_for_nothing_is_an_error_in_words(registered):
+    registered.vir.use_soft_shadows = registered.vir.use_omni_shadows = False
+    with pytest.raises(UsageError, match="effect"):
+        properties.settings_of(registered)
+
+
+def test_what_another_method_left_behind_says_nothing(registered):
+    registered.vir.method, registered.vir.points, registered.vir.point_generation = "IVIR", "BUFFERLESS", "RASTERIZER"
+    assert properties.settings_of(registered).points.value == "bufferless"
+    for item in registered.vir.bl_rna.properties["method"].enum_items:
+        registered.vir.method = item.identifier
         properties.settings_of(registered)
 
 

@@ -27,7 +27,7 @@ METHOD_PROPERTIES = {
 }
 """shown for one method only"""
 POINT_METHODS = tuple(method.value.upper() for method in Method if method.may_be_bufferless)
-CULLING_METHODS = ("AUTO", "IVIR", "HYBRID", "EPR")
+CULLING_METHODS = tuple(method.value.upper() for method in Method if method.may_cull_at_random)
 
 
 class VIR_UL_lights(bpy.types.UIList):

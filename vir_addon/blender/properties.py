@@ -362,14 +362,18 @@ def unregister() -> None:
 
 
 def settings_of(scene: bpy.types.Scene) -> Settings:
-    """What the core is asked for. Raises UsageError for choices that exclude each other, in words for the panel."""
+    """What the core is asked for. Raises UsageError where nothing is asked for, in words for the panel.
+
+    Options of methods other than the chosen one, which the panel does not show, say nothing.
+    """
     group = scene.vir
+    method = Method(group.method.lower())
     chosen = {Effect.SHADOW: group.use_soft_shadows or group.use_omni_shadows, Effect.REFLECTION: group.use_reflections}
     return Settings(
         effects=tuple(effect for effect, is_wanted in chosen.items() if is_wanted),
-        method=Method(group.method.lower()),
-        points=PointStorage(group.points.lower()),
-        point_generation=PointGeneration(group.point_generation.lower()),
+        method=method,
+        points=PointStorage(group.points.lower()) if method.may_be_bufferless else _DEFAULTS.points,
+        point_generation=PointGeneration(group.point_generation.lower()) if method is Method.IVIR else _DEFAULTS.point_generation,
         view_count=group.view_count,
         map_resolution_px=group.map_resolution_px,
         soft_shadows=group.use_soft_shadows,
