@@ -16,7 +16,7 @@ from vir_addon.blender.preview.viewport import LEVELS, ViewportPreview  # noqa: 
 from vir_addon.blender.viewport_view import viewport_view  # noqa: E402
 from vir_addon.core.errors import SceneError, UsageError  # noqa: E402
 from vir_addon.core.passes.accumulate import pass_image  # noqa: E402
-from vir_addon.core.plan import plan  # noqa: E402
+from vir_addon.core.plan import plan, settings_for  # noqa: E402
 from vir_addon.core.render import render  # noqa: E402
 from vir_addon.core.settings import Method, Settings  # noqa: E402
 from vir_addon.device.open import open_device  # noqa: E402
@@ -99,7 +99,7 @@ def shown(preview) -> np.ndarray:
 def rendered(device, view, settings=SETTINGS) -> np.ndarray:
     """From nothing."""
     taken = snapshot(bpy.context.evaluated_depsgraph_get(), view=view)
-    for progress in render(taken, plan(taken, settings), device):
+    for progress in render(taken, plan(taken, settings_for(device, settings)), device):
         last = progress
     return last.passes["VIR Shadow"]
 

@@ -289,7 +289,7 @@ def budget_s(scene: bpy.types.Scene, preview: ViewportPreview) -> float:
     """What the artist has set, otherwise what suits the device."""
     if scene.vir.is_property_set("preview_slice_ms"):
         return float(scene.vir.preview_slice_ms) * 1e-3
-    return SOFTWARE_BUDGET_S if preview.is_on_software else scene.vir.preview_slice_ms * 1e-3
+    return SOFTWARE_BUDGET_S if preview.render.device.is_software else scene.vir.preview_slice_ms * 1e-3
 
 
 def _viewport_regions() -> dict[int, bpy.types.Region]:

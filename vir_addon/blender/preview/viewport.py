@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
+from ...core.plan import settings_for
 from ...core.progressive import ProgressiveRender
 from ...core.scene import SceneSnapshot, has_same_picture, is_same_light
 from ...core.settings import Effect, Settings
@@ -22,7 +23,6 @@ from ..extract import snapshot
 from ..mesh_cache import MeshCache, OutOfTimeError
 from ..viewport_view import ViewportView
 
-SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swiftshader", "software")
 ROOM_SHARE = 0.25
 """Steps that take less of the budget leave room for a finer level, whose steps take up to four times as long."""
 
@@ -50,8 +50,7 @@ class ViewportPreview:
         self.view: ViewportView | None = None
         self.read_ms = 0.0
         """that reading the scene took last"""
-        self.is_on_software = any(name in device.description.lower() for name in SOFTWARE_RENDERERS)
-        self.level_index = FIRST_LEVEL_OF_SOFTWARE if self.is_on_software else FIRST_LEVEL
+        self.level_index = FIRST_LEVEL_OF_SOFTWARE if device.is_software else FIRST_LEVEL
         self._finest_index = 0
         """levels before this one were found too slow"""
         self.must_read = True
@@ -124,7 +123,7 @@ class ViewportPreview:
             camera = scaled.camera(before.world_origin_m)
             taken = replace(before, camera=camera, width_px=scaled.width_px, height_px=scaled.height_px)
         wanted = replace(
-            settings,
+            settings_for(self.render.device, settings),
             effects=(Effect.SHADOW,),
             map_resolution_px=min(settings.map_resolution_px, self.level.map_resolution_px),
             batch_view_count=min(settings.batch_view_count, self.level.batch_view_count),
