@@ -195,6 +195,30 @@ def test_steps_that_take_too_long_make_it_coarser_and_time_left_finer(preview):
     assert preview.picture.width == SIZE[0] // 8
 
 
+def test_a_reference_to_compare_with(preview):
+    """Of a view that was finished, for as long as it is looked at."""
+    read = preview.render.device.read
+    preview.compare(True)
+    assert preview.reference is None
+    finish(preview)
+    preview.compare(True)
+    first = read(preview.reference)
+    np.testing.assert_array_equal(first, read(preview.picture))
+    bpy.data.objects["Key"].location.x = -3.0
+    finish(preview)
+    preview.compare(True)
+    np.testing.assert_array_equal(first, read(preview.reference))
+    assert np.abs(first - read(preview.picture)).max() > 0.01
+    preview.look(view_from(3.0))
+    preview.compare(True)
+    assert preview.reference is None
+    finish(preview)
+    preview.compare(True)
+    np.testing.assert_array_equal(read(preview.reference), read(preview.picture))
+    preview.compare(False)
+    assert preview.reference is None
+
+
 def test_a_light_that_is_deleted_halfway(preview, device):
     preview.render.light_name = "Fill"
     depsgraph = bpy.context.evaluated_depsgraph_get()

@@ -261,6 +261,7 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
         items=(
             ("MULTIPLY", "Multiplied", "Darken the viewport where there is shadow", 0),
             ("PASS", "Pass", "The pass itself in grey: white is lit, black is shadow", 1),
+            ("DIFFERENCE", "Difference", "What changes make of the first complete picture of a view: orange is lighter, blue darker", 2),
         ),
         default="MULTIPLY",
         update=_redraw_viewports,

@@ -176,6 +176,14 @@ class ProgressiveRender:
         else:
             self._release_picture()
 
+    def copy_picture(self) -> Texture | None:
+        """A texture of the caller's with what is in `picture`, once that is done."""
+        if self.picture is None or self._renderer is None or not self.is_done:
+            return None
+        copy = self.device.create_texture(self.picture.width, self.picture.height, TextureFormat.RGBA32F)
+        self.device.run(self._renderer.draw_passes, copy, self.light_name)
+        return copy
+
     def _release_picture(self) -> None:
         if self.picture is not None:
             self.picture.release()

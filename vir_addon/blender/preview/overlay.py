@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import enum
+
 import blf
 import bpy
 import gpu
@@ -11,15 +13,29 @@ from ...device.interface import Texture
 from ...device.shader_source import load
 
 
+class Display(enum.Enum):
+    """How a picture is shown."""
+
+    MULTIPLY = 0
+    """darken what is there"""
+    PASS = 1
+    """cover it with the pass, in grey"""
+    DIFFERENCE = 2
+    """orange over what is lighter than in the reference, blue over what is darker"""
+
+
 class Overlay:
     """Make it, draw with it and let go of it on Blender's main thread."""
 
     def __init__(self) -> None:
         info = gpu.types.GPUShaderCreateInfo()
         info.sampler(0, "FLOAT_2D", "picture")
-        for name in ("picture_size", "viewport_size", "viewport_origin"):
+        info.sampler(1, "FLOAT_2D", "reference")
+        for name in ("viewport_size", "viewport_origin"):
             info.push_constant("VEC2", name)
-        info.push_constant("INT", "multiplies")
+        info.push_constant("INT", "display")
+        for display in Display:
+            info.define(f"DISPLAY_{display.name}", str(display.value))
         info.vertex_in(0, "VEC2", "corner")
         info.fragment_out(0, "VEC4", "overlaid")
         info.vertex_source(load("overlay.vert.glsl"))
@@ -31,9 +47,11 @@ class Overlay:
         corners.attr_fill("corner", [(-1.0, -1.0), (3.0, -1.0), (-1.0, 3.0)])
         self._triangle = gpu.types.GPUBatch(type="TRIS", buf=corners)
 
-    def draw(self, picture: Texture, *, multiplies: bool) -> None:
-        """Over all of the current viewport. multiplies: darken what is there; otherwise the pass itself, in grey, covers it"""
-        assert isinstance(picture, BlenderTexture)
+    def draw(self, picture: Texture, display: Display, reference: Texture | None) -> None:
+        """Over all of the current viewport. reference: an earlier picture of the same view, only for a difference"""
+        if display is Display.DIFFERENCE and reference is None:
+            return
+        assert isinstance(picture, BlenderTexture) and isinstance(reference, BlenderTexture | None)
         left, bottom, width, height = gpu.state.viewport_get()
         state = gpu.state
         before = state.blend_get(), state.depth_test_get(), state.depth_mask_get()
@@ -43,10 +61,10 @@ class Overlay:
             state.depth_mask_set(False)
             self._shader.bind()
             self._shader.uniform_sampler("picture", picture.handle)
-            self._shader.uniform_float("picture_size", (picture.width, picture.height))
+            self._shader.uniform_sampler("reference", (reference or picture).handle)
             self._shader.uniform_float("viewport_size", (width, height))
             self._shader.uniform_float("viewport_origin", (left, bottom))
-            self._shader.uniform_int("multiplies", int(multiplies))
+            self._shader.uniform_int("display", display.value)
             self._triangle.draw(self._shader)
         finally:
             state.blend_set(before[0])

@@ -22,7 +22,7 @@ from ..mesh_cache import MeshCache
 from ..properties import settings_of
 from ..render_depsgraph import is_evaluating
 from ..viewport_view import ViewportView, viewport_view
-from .overlay import Overlay, draw_text
+from .overlay import Display, Overlay, draw_text
 from .viewport import ViewportPreview, is_same_view
 
 WAIT_S = 0.01
@@ -160,10 +160,12 @@ def _draw_region(context: bpy.types.Context) -> None:
         preview.render.light_name = None if light is None else light.name
         if shown.is_busy:
             _wake()
+        display = Display[scene.vir.preview_display]
+        preview.compare(display is Display.DIFFERENCE)
     if preview is not None and preview.picture is not None and not shown.problem:
         if _running.overlay is None:
             _running.overlay = Overlay()
-        _running.overlay.draw(preview.picture, multiplies=scene.vir.preview_display == "MULTIPLY")
+        _running.overlay.draw(preview.picture, display, preview.reference)
     draw_text(context, status_text(shown))
 
 

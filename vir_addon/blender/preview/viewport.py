@@ -58,6 +58,9 @@ class ViewportPreview:
         self._read_view: ViewportView | None = None
         """of the snapshot that is rendered"""
         self._picture_view: ViewportView | None = None
+        self.reference: Texture | None = None
+        """what `picture` is compared with: of the same view, when that had come to its end for the first time"""
+        self._reference_of: tuple[ViewportView, str | None] | None = None
         self._wanted: Settings | None = None
         self._budget_s = 0.0
 
@@ -142,7 +145,17 @@ class ViewportPreview:
         if chosen != self.level_index:
             self.level_index, self._read_view = chosen, None
 
+    def compare(self, is_wanted: bool) -> None:
+        """Keep a reference for the view and the light that are shown, or none. To be called whenever there may be another picture."""
+        shown = None if self.view is None else (self.view, self.render.light_name)
+        if self.reference is not None and not (is_wanted and self._reference_of == shown):
+            self.reference.release()
+            self.reference = self._reference_of = None
+        if is_wanted and self.reference is None and self.is_done and self.picture is not None:
+            self.reference, self._reference_of = self.render.copy_picture(), shown
+
     def close(self) -> None:
+        self.compare(False)
         self.render.close()
 
 
