@@ -17,6 +17,8 @@ from .steps import Steps
 
 WATCHED_STEPS = 16
 """The longest of so many latest steps is what the next one is expected to take."""
+HOST_WAIT_S = 0.01
+"""Short work on another thread is worth waiting for: the next slice would come later."""
 
 
 @dataclass(frozen=True)
@@ -108,8 +110,7 @@ class ProgressiveRender:
         answer = None
         if self._pending is not None:
             try:
-                # short work is worth waiting for: the next slice would come later
-                answer = self._pending.result(timeout=max(left_s, 0.0))
+                answer = self._pending.result(timeout=max(min(left_s, HOST_WAIT_S), 0.0))
             except TimeoutError:
                 return False
             self._pending = None

@@ -24,7 +24,7 @@ from .light_work import LightWork, MapStore
 from .pass_set import COMBINED_PASS_NAME, REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, PassSet, PassStatistics, SetStatistics
 from .passes.accumulate import pass_image
 from .passes.eye import EyePass
-from .passes.scene_data import SceneData
+from .passes.scene_data import SceneData, SceneGeometry, pack_geometry
 from .plan import PlannedPass, RenderPlan, check_device
 from .reflection_work import ReflectionWork
 from .reflectors import PlannedReflections
@@ -187,8 +187,11 @@ class Renderer:
         if not self.needs_eye:
             return
         if self.scene_data is None:
-            with self.stopwatch.stage("upload"):
-                self.scene_data = self._owned.own(SceneData(self.snapshot, self.device))
+            meshes = self.snapshot.meshes
+            rows = yield self.stopwatch.host_work("upload", pack_geometry, meshes)
+            with self.stopwatch.stage("upload"), Owned() as temporary:
+                geometry = temporary.own(SceneGeometry(meshes, self.device, rows))
+                self.scene_data = self._owned.own(SceneData(self.snapshot, self.device, geometry))
             yield None
         with self.stopwatch.stage("upload"):
             if self.eye is None:

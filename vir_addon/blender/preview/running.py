@@ -253,7 +253,7 @@ def _serve(address: int, shown: Shown, region: bpy.types.Region) -> None:
         has_changed = _advance(shown, scene, view_layer)
         shown.problem = "" if not shown.is_stuck else before
     except Exception as error:
-        has_changed = True
+        has_changed = False
         _give_up(shown, error)
     if has_changed or shown.problem != before:
         region.tag_redraw()
@@ -271,7 +271,7 @@ def _advance(shown: Shown, scene: bpy.types.Scene, view_layer: bpy.types.ViewLay
     settings = settings_of(scene)
     if shown.is_stuck and settings == shown.stuck_settings:
         return False
-    shown.is_stuck, shown.stuck_settings = False, settings
+    shown.stuck_settings = settings
     device = devices.get_device("gpu")
     if shown.preview is None:
         assert _running.executor is not None
@@ -282,8 +282,9 @@ def _advance(shown: Shown, scene: bpy.types.Scene, view_layer: bpy.types.ViewLay
     if depsgraph is None:
         return False
     if shown.preview.must_read:
-        # a script may have removed what the graph still shows
+        # a script may have removed what the graph still shows; what this finds has been noted when it returns
         depsgraph.update()
+    shown.is_stuck, shown.stuck_settings = False, settings
     return shown.preview.advance(depsgraph, settings, budget_s(scene, shown.preview))
 
 

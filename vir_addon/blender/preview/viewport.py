@@ -63,6 +63,8 @@ class ViewportPreview:
         self._reference_of: tuple[ViewportView, str | None] | None = None
         self._wanted: Settings | None = None
         self._budget_s = 0.0
+        self._has_failed = False
+        """what was shown last could not be"""
 
     @property
     def level(self) -> Level:
@@ -103,7 +105,11 @@ class ViewportPreview:
             except OutOfTimeError:
                 self.must_read = True
                 return False
-        has_changed = self.render.advance(max(budget_s - (time.perf_counter() - start), 0.0))
+        try:
+            has_changed = self.render.advance(max(budget_s - (time.perf_counter() - start), 0.0))
+        except Exception:
+            self._has_failed = True
+            raise
         if has_changed:
             self._picture_view = self._read_view
         self._choose_level(budget_s)
@@ -131,7 +137,8 @@ class ViewportPreview:
             map_resolution_px=min(settings.map_resolution_px, self.level.map_resolution_px),
             batch_view_count=min(settings.batch_view_count, self.level.batch_view_count),
         )
-        if before is None or self.render.settings != wanted or not is_same_scene(taken, before):
+        if before is None or self._has_failed or self.render.settings != wanted or not is_same_scene(taken, before):
+            self._has_failed = False
             self.render.show(taken, wanted)
 
     def _choose_level(self, budget_s: float) -> None:

@@ -12,6 +12,7 @@ Integers are floats here (Blender uploads only floats), those that may exceed 2^
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,48 +52,59 @@ def _shading_of(mesh: Mesh) -> int:
     return SHADING_POINT if mesh.point_normals_os is not None else SHADING_FLAT
 
 
+def geometry_bases(meshes: tuple[Mesh, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where each mesh begins in the textures: (mesh_count + 1,) int64 each of vertices, triangles and triangles with corner normals."""
+    vertex_counts = [mesh.vertex_count for mesh in meshes]
+    triangle_counts = [mesh.triangle_count for mesh in meshes]
+    corner_counts = [mesh.triangle_count if mesh.corner_normals_os is not None else 0 for mesh in meshes]
+    vertices, triangles, corners = (
+        np.concatenate([[0], np.cumsum(counts)]).astype(np.int64) for counts in (vertex_counts, triangle_counts, corner_counts)
+    )
+    return vertices, triangles, corners
+
+
+class GeometryRows(NamedTuple):
+    """What the textures of meshes hold, (n, 4) float32 each."""
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    corner_normals: np.ndarray
+
+
+def pack_geometry(meshes: tuple[Mesh, ...]) -> GeometryRows:
+    """Work for the host alone, and most of an upload."""
+    vertex_bases, triangle_bases, corner_bases = geometry_bases(meshes)
+    rows = GeometryRows(*(np.zeros((int(bases[-1]), 4), np.float32) for bases in (vertex_bases, triangle_bases, corner_bases)))
+    for index, mesh in enumerate(meshes):
+        vertices = rows.vertices[vertex_bases[index] : vertex_bases[index + 1]]
+        vertices[:, :3] = mesh.positions_os
+        if mesh.point_normals_os is not None:
+            vertices[:, 3] = pack_directions(mesh.point_normals_os)
+        triangles = rows.triangles[triangle_bases[index] : triangle_bases[index + 1]]
+        triangles[:, :3] = mesh.triangles
+        if mesh.material_slot is not None:
+            triangles[:, 3] = mesh.material_slot
+        if mesh.corner_normals_os is not None:
+            rows.corner_normals[corner_bases[index] : corner_bases[index + 1], :3] = pack_directions(mesh.corner_normals_os)
+    return rows
+
+
 class SceneGeometry(Shared):
     """Meshes on the device, wherever instances of them are. Those for the rasterizer are uploaded when first drawn."""
 
-    def __init__(self, meshes: tuple[Mesh, ...], device: Device) -> None:
+    def __init__(self, meshes: tuple[Mesh, ...], device: Device, rows: GeometryRows | None = None) -> None:
+        """rows: of these meshes, if they are packed already"""
         self.meshes, self.device = meshes, device
         self._drawables: dict[int, DeviceMesh] = {}
-        vertex_counts = [mesh.vertex_count for mesh in meshes]
         self.triangle_counts = np.array([mesh.triangle_count for mesh in meshes], np.int64)
-        corner_counts = [mesh.triangle_count if mesh.corner_normals_os is not None else 0 for mesh in meshes]
-        self.vertex_bases, self.triangle_bases, self.corner_bases = (
-            np.concatenate([[0], np.cumsum(counts)]).astype(np.int64) for counts in (vertex_counts, self.triangle_counts, corner_counts)
-        )
+        self.vertex_bases, self.triangle_bases, self.corner_bases = geometry_bases(meshes)
         self.shading = np.array([_shading_of(mesh) for mesh in meshes], np.int64)
+        rows = pack_geometry(meshes) if rows is None else rows
         with Owned() as owned:
-            self.vertices = owned.own(device.upload_array(self._vertex_rows()))
-            self.triangles = owned.own(device.upload_array(self._triangle_rows()))
-            self.corner_normals = owned.own(device.upload_array(self._corner_rows()))
+            self.vertices = owned.own(device.upload_array(rows.vertices))
+            self.triangles = owned.own(device.upload_array(rows.triangles))
+            self.corner_normals = owned.own(device.upload_array(rows.corner_normals))
             self._owned = owned.pop_all()
-
-    def _vertex_rows(self) -> np.ndarray:
-        rows = np.zeros((int(self.vertex_bases[-1]), 4), np.float32)
-        for mesh, base in zip(self.meshes, self.vertex_bases, strict=False):
-            part = rows[base : base + mesh.vertex_count]
-            part[:, :3] = mesh.positions_os
-            if mesh.point_normals_os is not None:
-                part[:, 3] = pack_directions(mesh.point_normals_os)
-        return rows
-
-    def _triangle_rows(self) -> np.ndarray:
-        rows = np.zeros((int(self.triangle_bases[-1]), 4), np.float32)
-        for mesh, base in zip(self.meshes, self.triangle_bases, strict=False):
-            rows[base : base + mesh.triangle_count, :3] = mesh.triangles
-            if mesh.material_slot is not None:
-                rows[base : base + mesh.triangle_count, 3] = mesh.material_slot
-        return rows
-
-    def _corner_rows(self) -> np.ndarray:
-        rows = np.zeros((int(self.corner_bases[-1]), 4), np.float32)
-        for mesh, base in zip(self.meshes, self.corner_bases, strict=False):
-            if mesh.corner_normals_os is not None:
-                rows[base : base + mesh.triangle_count, :3] = pack_directions(mesh.corner_normals_os)
-        return rows
 
     def drawable(self, mesh_index: int) -> DeviceMesh:
         if mesh_index not in self._drawables:

@@ -1,0 +1,236 @@
+"""Previews come and go with the scene's switch, and leave nothing: Blender's redraws and timer are played by the test."""
+
+import time
+from types import SimpleNamespace
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from vir_addon import blender  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.blender.preview import running  # noqa: E402
+
+
+@pytest.fixture
+def scene(scene, add):
+    if bpy.app.version < (5, 2):
+        pytest.skip("before 5.2 Blender has no GPU in background")
+    add.mesh("Floor", [(-5, -5, 0), (5, -5, 0), (5, 5, 0), (-5, 5, 0)], [(0, 1, 2, 3)])
+    add.cube("Cube", location=(0, 0, 1))
+    add.light("Key", location=(1, -1, 5), data={"size": 1.0})
+    blender.register()
+    scene.vir.view_count, scene.vir.map_resolution_px = 8, 64
+    bpy.context.view_layer.update()
+    yield scene
+    blender.unregister()
+
+
+class Viewport:
+    """The 3D viewport of Blender's window, which in background nobody draws."""
+
+    def __init__(self) -> None:
+        screen = bpy.context.window_manager.windows[0].screen
+        area = next(area for area in screen.areas if area.type == "VIEW_3D")
+        self.region = next(region for region in area.regions if region.type == "WINDOW")
+        self.space = area.spaces.active
+        projection = [(2, 0, 0, 0), (0, 3, 0, 0), (0, 0, -1.002, -0.2), (0, 0, -1, 0)]
+        view = [(1, 0, 0, 0), (0, 0.4, 0.9, -3), (0, -0.9, 0.4, -8), (0, 0, 0, 1)]
+        self.region_3d = SimpleNamespace(view_matrix=view, window_matrix=projection)
+        self.texts: list[str] = []
+        self.pictures: list[tuple[int, int]] = []
+
+    def draw(self) -> None:
+        context = SimpleNamespace(
+            scene=bpy.context.scene,
+            view_layer=bpy.context.view_layer,
+            region=SimpleNamespace(as_pointer=self.region.as_pointer, width=48, height=32),
+            space_data=self.space,
+            region_data=self.region_3d,
+        )
+        running._draw_region(context)
+
+
+@pytest.fixture
+def viewport(scene, monkeypatch):
+    made = Viewport()
+    monkeypatch.setattr(running, "draw_text", lambda _, text: made.texts.append(text))
+    overlay = SimpleNamespace(draw=lambda picture, *_: made.pictures.append((picture.width, picture.height)))
+    monkeypatch.setattr(running, "Overlay", lambda: overlay)
+    return made
+
+
+def tick() -> float | None:
+    """As Blender calls it, if it is registered; in background Blender calls none."""
+    return running._tick() if bpy.app.timers.is_registered(running._tick) else None
+
+
+def tick_until_idle() -> int:
+    for count in range(5000):
+        interval_s = tick()
+        if interval_s is None or interval_s == running.IDLE_S:
+            return count
+        time.sleep(interval_s)
+    raise AssertionError("it does not end")
+
+
+def is_at_work() -> set[bool]:
+    """One of handlers, timer and viewports each."""
+    return {
+        *(function in handlers for handlers, function in running._HANDLERS),
+        bpy.app.timers.is_registered(running._tick),
+        bool(running._running.viewports),
+    }
+
+
+def switch_on(scene, viewport) -> None:
+    scene.vir.use_preview = True
+    viewport.draw()
+    tick_until_idle()
+    viewport.draw()
+
+
+def test_nothing_happens_until_it_is_switched_on(viewport):
+    viewport.draw()
+    assert is_at_work() == {False}
+    assert not viewport.texts and not viewport.pictures
+
+
+def test_on_and_off(scene, viewport):
+    switch_on(scene, viewport)
+    assert is_at_work() == {True}
+    assert "8 of 8 views" in viewport.texts[-1] and viewport.pictures
+    scene.vir.use_preview = False
+    viewport.draw()
+    tick()
+    assert is_at_work() == {False}
+    drawn = len(viewport.pictures)
+    viewport.draw()
+    assert len(viewport.pictures) == drawn
+
+
+def test_off_without_a_redraw(scene, viewport):
+    switch_on(scene, viewport)
+    scene.vir.use_preview = False
+    tick()
+    assert is_at_work() == {False}
+
+
+def test_overlays_hidden_in_the_viewport(scene, viewport):
+    switch_on(scene, viewport)
+    viewport.space.overlay.show_overlays = False
+    try:
+        viewport.draw()
+        tick()
+        assert is_at_work() == {False}
+    finally:
+        viewport.space.overlay.show_overlays = True
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda scene: setattr(bpy.data.objects["Key"].location, "x", 3.0),
+        lambda scene: setattr(bpy.data.objects["Cube"].location, "x", 1.0),
+        lambda scene: bpy.data.objects.remove(bpy.data.objects["Cube"]),
+        lambda scene: scene.frame_set(7) or setattr(bpy.data.objects["Key"].data, "size", 2.0),
+        lambda scene: setattr(scene.vir, "view_count", 16),
+    ],
+    ids=["light", "object", "removed", "frame", "setting"],
+)
+def test_a_change_starts_anew(scene, viewport, change):
+    switch_on(scene, viewport)
+    (shown,) = running._running.viewports.values()
+    taken, settings = shown.preview.render.snapshot, shown.preview.render.settings
+    change(scene)
+    bpy.context.view_layer.update()
+    tick()
+    tick_until_idle()
+    assert shown.preview.render.snapshot is not taken or shown.preview.render.settings != settings
+    assert shown.preview.is_done and not shown.problem
+
+
+def test_another_view_shows_nothing_of_this_one(scene, viewport):
+    switch_on(scene, viewport)
+    drawn = len(viewport.pictures)
+    viewport.region_3d.view_matrix = [*viewport.region_3d.view_matrix[:2], (0, -0.9, 0.4, -9), (0, 0, 0, 1)]
+    viewport.draw()
+    assert len(viewport.pictures) == drawn
+    tick_until_idle()
+    viewport.draw()
+    assert len(viewport.pictures) == drawn + 1
+
+
+def test_a_problem_is_said_and_mended(scene, viewport):
+    light = bpy.data.objects["Key"]
+    light.hide_render = True
+    bpy.context.view_layer.update()
+    switch_on(scene, viewport)
+    assert "no light" in viewport.texts[-1]
+    assert not viewport.pictures
+    light.hide_render = False
+    bpy.context.view_layer.update()
+    tick_until_idle()
+    viewport.draw()
+    assert "8 of 8 views" in viewport.texts[-1] and viewport.pictures
+
+
+def test_a_lost_device_is_said_and_nothing_is_tried_again(scene, viewport, monkeypatch, capsys):
+    switch_on(scene, viewport)
+    (shown,) = running._running.viewports.values()
+    tries = []
+
+    def lost(*_):
+        tries.append(1)
+        raise RuntimeError("the GPU is gone")
+
+    monkeypatch.setattr(shown.preview.render, "_step", lost)
+    bpy.data.objects["Key"].location.x = 3.0
+    bpy.context.view_layer.update()
+    for _ in range(5):
+        tick()
+    assert tries == [1]
+    viewport.draw()
+    assert "the GPU is gone" in viewport.texts[-1]
+    assert "the GPU is gone" in capsys.readouterr().err
+
+
+def test_a_viewport_that_is_closed(scene, viewport, monkeypatch):
+    switch_on(scene, viewport)
+    monkeypatch.setattr(running, "_viewport_regions", dict)
+    tick()
+    assert is_at_work() == {False}
+
+
+def test_undo_reads_everything_again(scene, viewport):
+    switch_on(scene, viewport)
+    (cache,) = running._running.caches.values()
+    read_count = cache.read_count
+    bpy.app.handlers.undo_post[-1](scene)
+    tick_until_idle()
+    assert cache.read_count == read_count + 2
+
+
+def test_another_file(scene, viewport):
+    """Handlers of the old one are gone, and its viewports."""
+    switch_on(scene, viewport)
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    assert is_at_work() == {False}
+
+
+def test_a_scene_that_is_deleted(scene, viewport):
+    switch_on(scene, viewport)
+    other = bpy.data.scenes.new("Other")
+    bpy.context.window_manager.windows[0].scene = other
+    bpy.data.scenes.remove(scene)
+    tick()
+    assert is_at_work() == {False}
+
+
+def test_disabling_while_it_runs(scene, viewport):
+    scene.vir.use_preview = True
+    viewport.draw()
+    for _ in range(4):
+        tick()
+    running.unregister()
+    assert is_at_work() == {False}
+    running.register()
