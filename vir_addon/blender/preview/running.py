@@ -6,6 +6,7 @@ matter who turns it, a button, undoing or opening a file. What lives here goes w
 
 from __future__ import annotations
 
+import time
 import traceback
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -31,6 +32,9 @@ SOFTWARE_BUDGET_S = 0.3
 IDLE_S = 0.5
 """between looks whether the viewports are still there"""
 
+REDRAW_PAUSE = 3.0
+"""times as long as a redraw took, until the next one is asked for"""
+
 LayerKey = tuple[int, str]
 """session_uid of a scene, name of a view layer"""
 
@@ -48,6 +52,8 @@ class Shown:
     is_stuck: bool = False
     """until something changes"""
     stuck_settings: Settings | None = None
+    is_outdated: bool = False
+    """there is something that was not drawn yet"""
 
     @property
     def is_busy(self) -> bool:
@@ -67,6 +73,13 @@ class _Running:
     executor: ThreadPoolExecutor | None = None
     turn: int = 0
     """of the viewports, one is served a tick"""
+    redraw_s: float = 0.0
+    """that Blender took until it came again, after a redraw had been asked for"""
+    asked_s: float = 0.0
+    """when the last one was, as `time.perf_counter` counts"""
+    tick_end_s: float = 0.0
+    has_asked: bool = False
+    """for a redraw in the last tick"""
     is_in_tick: bool = False
     is_woken: bool = False
 
@@ -211,11 +224,13 @@ def status_text(shown: Shown) -> str:
 
 def _tick() -> float | None:
     """A slice for one viewport that has something to do. When to come again, None: never."""
-    _running.is_in_tick, _running.is_woken = True, False
+    if _running.has_asked:
+        _running.redraw_s = time.perf_counter() - _running.tick_end_s
+    _running.is_in_tick, _running.is_woken, _running.has_asked = True, False, False
     try:
         interval_s = _serve_next()
     finally:
-        _running.is_in_tick = False
+        _running.is_in_tick, _running.tick_end_s = False, time.perf_counter()
     if not _running.viewports:
         stop()
         return None
@@ -255,8 +270,12 @@ def _serve(address: int, shown: Shown, region: bpy.types.Region) -> None:
     except Exception as error:
         has_changed = False
         _give_up(shown, error)
-    if has_changed or shown.problem != before:
+    shown.is_outdated |= has_changed or shown.problem != before
+    # where drawing takes long, most of the time would go into pictures that differ little
+    is_due = time.perf_counter() - _running.asked_s > REDRAW_PAUSE * _running.redraw_s
+    if shown.is_outdated and (is_due or not shown.is_busy):
         region.tag_redraw()
+        shown.is_outdated, _running.has_asked, _running.asked_s = False, True, time.perf_counter()
 
 
 def _give_up(shown: Shown, error: Exception) -> None:
