@@ -25,38 +25,33 @@ struct SurfacePoint {
     int layer_table;   // of its mesh: where the values at its triangles' corners start
 };
 
-// Values of a layer at the corners. A mesh without the layer has zeros there.
-bool corner_uvs(SurfacePoint point, int layer, out vec2 uvs[3]) {
-    vec4 entry = texelFetch(surface_data, linear_texel(point.layer_table + layer), 0);
-    if (entry.z < 0.5) {
-        uvs[0] = uvs[1] = uvs[2] = vec2(0.0);
-        return false;
-    }
-    int first = integer_of(entry.xy) + 2 * point.triangle;
-    vec4 two = texelFetch(surface_data, linear_texel(first), 0);
-    uvs[0] = two.xy;
-    uvs[1] = two.zw;
-    uvs[2] = texelFetch(surface_data, linear_texel(first + 1), 0).xy;
-    return true;
-}
+// What a layer has at the corners of a point's triangle: uvs with 0, or colours. A mesh without the layer has zeros there.
+// Software rasterizers execute every branch of what follows, so fetches are shared by all of them.
+struct Corners {
+    bool exist;
+    bool are_uvs;
+    vec4 texels[3];
+};
 
-vec2 uv_at(SurfacePoint point, int layer) {
-    vec2 uvs[3];
-    corner_uvs(point, layer, uvs);
-    return point.weights.x * uvs[0] + point.weights.y * uvs[1] + point.weights.z * uvs[2];
-}
-
-vec3 corner_color_at(SurfacePoint point, int layer) {
+Corners corners_of(SurfacePoint point, int layer) {
     vec4 entry = texelFetch(surface_data, linear_texel(point.layer_table + layer), 0);
-    if (entry.z < 0.5) {
-        return vec3(0.0);
-    }
-    int first = integer_of(entry.xy) + 3 * point.triangle;
-    vec3 color = vec3(0.0);
+    Corners corners;
+    corners.exist = entry.z > 0.5;
+    corners.are_uvs = entry.w < 2.5;
+    int first = integer_of(entry.xy) + int(entry.w) * point.triangle;
     for (int k = 0; k < 3; k++) {
-        color += point.weights[k] * texelFetch(surface_data, linear_texel(first + k), 0).xyz;
+        corners.texels[k] = texelFetch(surface_data, linear_texel(first + k), 0);
     }
-    return color;
+    return corners;
+}
+
+vec3 corner_value(Corners corners, int k) {
+    vec3 uv = k == 0 ? vec3(corners.texels[0].xy, 0.0) : k == 1 ? vec3(corners.texels[0].zw, 0.0) : vec3(corners.texels[1].xy, 0.0);
+    return corners.exist ? (corners.are_uvs ? uv : corners.texels[k].xyz) : vec3(0.0);
+}
+
+vec3 interpolated(Corners corners, vec3 weights) {
+    return weights.x * corner_value(corners, 0) + weights.y * corner_value(corners, 1) + weights.z * corner_value(corners, 2);
 }
 
 vec3 power_of(vec3 a, vec3 b) {
@@ -86,24 +81,13 @@ vec3 color_of_hsv(vec3 hsv) {
     return hsv.z * mix(vec3(1.0), pure, hsv.y);
 }
 
-vec3 looked_up(vec3 at, int first, int entry_count) {
-    vec3 place = clamp(at, 0.0, 1.0) * float(entry_count - 1);
-    vec3 found;
-    for (int k = 0; k < 3; k++) {
-        int low = min(int(place[k]), entry_count - 2);
-        float before = texelFetch(surface_data, linear_texel(first + low), 0)[k];
-        float after = texelFetch(surface_data, linear_texel(first + low + 1), 0)[k];
-        found[k] = mix(before, after, place[k] - float(low));
-    }
-    return found;
-}
-
-vec3 sampled(SurfacePoint point, vec4 instruction, int address) {
-    vec4 row_u = texelFetch(surface_data, linear_texel(address + 1), 0);
-    vec4 row_v = texelFetch(surface_data, linear_texel(address + 2), 0);
-    vec3 uv = vec3(uv_at(point, int(instruction.w)), 1.0);
-    int flags = int(row_v.w);
-    return image_color(integer_of(instruction.yz), vec2(dot(row_u.xyz, uv), dot(row_v.xyz, uv)), int(row_u.w), flags);
+// The first channel of `at` chooses a place between the first and the last entry.
+vec3 looked_up(float at, int first, int entry_count) {
+    float place = clamp(at, 0.0, 1.0) * float(entry_count - 1);
+    int low = clamp(int(place), 0, max(entry_count - 2, 0));
+    vec3 before = texelFetch(surface_data, linear_texel(first + low), 0).xyz;
+    vec3 after = texelFetch(surface_data, linear_texel(first + low + 1), 0).xyz;
+    return mix(before, after, place - float(low));
 }
 
 // Runs the instructions of a material, which leave its inputs in the first registers.
@@ -119,19 +103,21 @@ void run_program(int address, SurfacePoint point, inout vec3 r[REGISTERS]) {
         vec3 result;
         if (operation == OP_CONSTANT) {
             result = instruction.yzw;
-        } else if (operation == OP_IMAGE) {
-            result = sampled(point, instruction, address - 1);
-            address += 2;
-        } else if (operation == OP_CORNER_UV) {
-            result = vec3(uv_at(point, int(instruction.y)), 0.0);
-        } else if (operation == OP_CORNER_COLOR) {
-            result = corner_color_at(point, int(instruction.y));
+        } else if (operation <= OP_CORNER) {
+            result = interpolated(corners_of(point, int(instruction.y)), point.weights);
+            if (operation == OP_IMAGE) {
+                vec4 row_u = texelFetch(surface_data, linear_texel(address), 0);
+                vec4 row_v = texelFetch(surface_data, linear_texel(address + 1), 0);
+                vec2 place = vec2(dot(row_u.xyz, vec3(result.xy, 1.0)), dot(row_v.xyz, vec3(result.xy, 1.0)));
+                result = image_color(integer_of(instruction.zw), place, int(row_u.w), int(row_v.w));
+                address += 2;
+            }
         } else {
             vec3 a = r[int(instruction.y)];
             vec3 b = r[int(instruction.z)];
             if (operation == OP_TABLE) {
                 int entry_count = int(instruction.z);
-                result = looked_up(a, address, entry_count);
+                result = looked_up(a.x, address, entry_count);
                 address += entry_count;
             } else if (operation == OP_ADD) {
                 result = a + b;
@@ -177,9 +163,13 @@ void run_program(int address, SurfacePoint point, inout vec3 r[REGISTERS]) {
 
 // The normal map's direction around the shading normal. Tangents are those of the triangle's own u and v, at right angles to the normal.
 vec3 mapped_normal(SurfacePoint point, int layer, TriangleData triangle, vec3 n, vec3 color, float strength) {
-    vec2 uvs[3];
-    if (!corner_uvs(point, layer, uvs)) {
+    Corners corners = corners_of(point, layer);
+    if (!corners.exist) {
         return n;
+    }
+    vec2 uvs[3];
+    for (int k = 0; k < 3; k++) {
+        uvs[k] = corner_value(corners, k).xy;
     }
     vec3 edge_1 = triangle.position_ws[1] - triangle.position_ws[0];
     vec3 edge_2 = triangle.position_ws[2] - triangle.position_ws[0];
@@ -214,9 +204,15 @@ Surface surface_at(
     SurfacePoint point = SurfacePoint(weights, triangle_index, int(bases.w));
 
     vec3 r[REGISTERS];
-    for (int k = 0; k < INPUT_COUNT; k++) {
-        r[k] = texelFetch(surface_data, linear_texel(material + 1 + k), 0).xyz;
+    for (int k = 0; k < PAIRED_INPUTS; k += 2) {
+        vec4 color_and_number = texelFetch(surface_data, linear_texel(material + 1 + k / 2), 0);
+        r[k] = color_and_number.xyz;
+        r[k + 1] = color_and_number.www;
     }
+    vec4 coat = texelFetch(surface_data, linear_texel(material + 1 + PAIRED_INPUTS / 2), 0);
+    r[INPUT_COAT_WEIGHT] = coat.xxx;
+    r[INPUT_COAT_ROUGHNESS] = coat.yyy;
+    r[INPUT_COAT_IOR] = coat.zzz;
     vec4 header = texelFetch(surface_data, linear_texel(material), 0);
     if (header.x >= 0.0) {
         run_program(integer_of(header.xy), point, r);

@@ -7,23 +7,23 @@ vec3 decoded_srgb(vec3 encoded) {
     return mix(high, encoded / 12.92, vec3(lessThanEqual(encoded, vec3(0.04045))));
 }
 
-// Values of a texel, alpha last, as they are interpolated.
+// Values of a texel, alpha last, as they are interpolated. One fetch serves all packings.
 vec4 stored_texel(int first, int index, int packing) {
+    int shift = packing == PACKED_FLOATS ? 0 : packing == PACKED_COLORS ? 2 : packing == PACKED_GRAYS ? 3 : 1;
+    vec4 stored = texelFetch(surface_images, linear_texel(first + (index >> shift)), 0);
     if (packing == PACKED_FLOATS) {
-        return texelFetch(surface_images, linear_texel(first + index), 0);
+        return stored;
     }
-    if (packing == PACKED_COLORS) {
-        int bits = int(texelFetch(surface_images, linear_texel(first + (index >> 2)), 0)[index & 3]);
-        return vec4(bits & 255, (bits >> 8) & 255, bits >> 16, 255.0) / 255.0;
-    }
+    int within = index & ((1 << shift) - 1);
+    vec2 pair = (packing == PACKED_GRAYS ? within < 4 : shift == 2 ? within < 2 : within == 0) ? stored.xy : stored.zw;
+    bool is_second = packing == PACKED_GRAYS ? (within & 2) != 0 : (within & 1) != 0;
+    int bits = int(is_second && shift != 1 ? pair.y : pair.x);
     if (packing == PACKED_GRAYS) {
-        int bits = int(texelFetch(surface_images, linear_texel(first + (index >> 3)), 0)[(index >> 1) & 3]);
-        float gray = float((bits >> (8 * (index & 1))) & 255) / 255.0;
+        float gray = float((bits >> (8 * (within & 1))) & 255) / 255.0;
         return vec4(gray, gray, gray, 1.0);
     }
-    vec4 two = texelFetch(surface_images, linear_texel(first + (index >> 1)), 0);
-    ivec2 bits = ivec2((index & 1) == 0 ? two.xy : two.zw);
-    return vec4(bits.x & 255, bits.x >> 8, bits.y & 255, bits.y >> 8) / 255.0;
+    ivec2 blue_alpha = packing == PACKED_COLORS ? ivec2(bits >> 16, 255) : ivec2(int(pair.y) & 255, int(pair.y) >> 8);
+    return vec4(bits & 255, (bits >> 8) & 255, blue_alpha) / 255.0;
 }
 
 vec4 image_texel(int first, ivec2 texel, ivec2 size, int packing, int extension) {

@@ -247,16 +247,18 @@ def _curves(reader: ColorReader, node: bpy.types.Node, _: str, here: NodeInput) 
         raise refuse(node, "black and white levels")
     red, green, blue, every = mapping.curves
     places = np.linspace(0.0, 1.0, _TABLE_ENTRIES)
-    columns = [[mapping.evaluate(curve, mapping.evaluate(every, x)) for x in places] for curve in (red, green, blue)]
     value = reader.color(here.of(node, "Color"))
-    changed = _looked_up(value, node, np.array(columns, np.float32).T)
-    return mixed(value, changed, reader.number(here.of(node, "Fac")))
+    changed = []
+    for curve, channel in ((red, Operation.RED), (green, Operation.GREEN), (blue, Operation.BLUE)):
+        entries = np.array([mapping.evaluate(curve, mapping.evaluate(every, x)) for x in places], np.float32)
+        changed.append(_looked_up(combined(channel, value), node, np.repeat(entries[:, None], 3, axis=1)))
+    return mixed(value, joined(*changed), reader.number(here.of(node, "Fac")))
 
 
 def _looked_up(place: MaterialInput, node: bpy.types.Node, entries: np.ndarray) -> MaterialInput:
     if isinstance(place, Constant):
         places = np.linspace(0.0, 1.0, len(entries))
-        return constant(*(float(np.interp(x, places, entries[:, k])) for k, x in enumerate(place.value)))
+        return constant(*(float(np.interp(place.value[0], places, entries[:, k])) for k in range(3)))
     return TableLookup(place, ImageTexels(node.name, entries[None]))
 
 

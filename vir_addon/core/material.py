@@ -122,11 +122,11 @@ class Combination:
 
 @dataclass(frozen=True)
 class TableLookup:
-    """A curve or colour ramp: an operand's channels choose places between the first and the last of a table's values."""
+    """A curve or colour ramp: the operand's red channel chooses a place between the first and the last of a table's values."""
 
     operand: MaterialInput
     table: ImageTexels
-    """(1, entry_count, 3) float32; each channel of the operand looks its own channel up, linearly between entries"""
+    """(1, entry_count, 3) float32, linear between entries"""
 
 
 MaterialInput: TypeAlias = Constant | ImageSample | CornerValue | Combination | TableLookup

@@ -23,7 +23,6 @@ from .material import (
     ImageSample,
     ImageTexels,
     Layer,
-    LayerKind,
     Material,
     MaterialInput,
     Operation,
@@ -39,28 +38,29 @@ _FLAT: Rgb = (0.5, 0.5, 1.0)
 MATERIAL_INPUTS: Mapping[str, Callable[[Material], MaterialInput]] = {
     "DIFFUSE": lambda m: m.diffuse,
     "DIELECTRIC_WEIGHT": lambda m: m.dielectric_weight,
-    "IOR": lambda m: m.ior,
     "SPECULAR_TINT": lambda m: m.specular_tint,
-    "METAL_WEIGHT": lambda m: m.metal_weight,
+    "IOR": lambda m: m.ior,
     "METAL": lambda m: m.metal,
+    "METAL_WEIGHT": lambda m: m.metal_weight,
+    "EMISSION": lambda m: m.emission,
     "ROUGHNESS": lambda m: m.roughness,
+    "NORMAL_COLOR": lambda m: m.normal_map.color if m.normal_map else Constant(_FLAT),
+    "NORMAL_STRENGTH": lambda m: m.normal_map.strength if m.normal_map else BLACK,
     "COAT_WEIGHT": lambda m: m.coat_weight,
     "COAT_ROUGHNESS": lambda m: m.coat_roughness,
     "COAT_IOR": lambda m: m.coat_ior,
-    "EMISSION": lambda m: m.emission,
-    "NORMAL_COLOR": lambda m: m.normal_map.color if m.normal_map else Constant(_FLAT),
-    "NORMAL_STRENGTH": lambda m: m.normal_map.strength if m.normal_map else BLACK,
 }
+PAIRED_INPUTS = 10
+"""at the beginning, colours and numbers by turns; numbers follow"""
 
 
 class OpCode(enum.IntEnum):
     END = 0
     CONSTANT = 1
     IMAGE = 2
-    CORNER_UV = 3
-    CORNER_COLOR = 4
-    TABLE = 5
-    FIRST_OPERATION = 6
+    CORNER = 3
+    TABLE = 4
+    FIRST_OPERATION = 5
 
 
 OP_CODES = {operation: OpCode.FIRST_OPERATION + index for index, operation in enumerate(Operation)}
@@ -172,12 +172,11 @@ class _Compiler:
             case Constant(value):
                 self._instruction(OpCode.CONSTANT, register, *value)
             case CornerValue(layer):
-                code = OpCode.CORNER_UV if layer.kind is LayerKind.UV else OpCode.CORNER_COLOR
-                self._instruction(code, register, self._layer_index[layer])
+                self._instruction(OpCode.CORNER, register, self._layer_index[layer])
             case ImageSample():
                 base = self._image_base[part.image]
                 flags = IMAGE_INTERPOLATED * part.is_interpolated | IMAGE_ALPHA * part.is_alpha | IMAGE_DIVIDED * part.divides_by_alpha
-                self._instruction(OpCode.IMAGE, register, base >> 16, base & 0xFFFF, self._layer_index[part.layer])
+                self._instruction(OpCode.IMAGE, register, self._layer_index[part.layer], base >> 16, base & 0xFFFF)
                 self._rows.append((*part.uv_rows[0], list(Extension).index(part.extension)))
                 self._rows.append((*part.uv_rows[1], flags))
             case TableLookup():
@@ -249,7 +248,7 @@ def evaluate_on_texels(expression: MaterialInput, image: ImageTexels) -> np.ndar
                 values[part] = colors
             case TableLookup(table=table):
                 places = np.linspace(0.0, 1.0, table.texels.shape[1])
-                values[part] = np.stack([np.interp(operands[0][..., k], places, table.texels[0, :, k]) for k in range(3)], axis=-1)
+                values[part] = np.stack([np.interp(operands[0][..., 0], places, table.texels[0, :, k]) for k in range(3)], axis=-1)
             case Combination(operation):
                 values[part] = evaluate_operation(operation, *operands)
             case CornerValue():

@@ -3,7 +3,7 @@
 surface_data    the table of reflectance_table.py; the world: radiance and its image's place or -1, three rows of image_from_world;
                 per instance its material set's first slot, last slot's number and its mesh's layer table; per material a header (its
                 program's place or -1, its normal map's layer or -1, Fresnel of metal) and its constant inputs; per slot of a set its
-                material's place; per mesh and layer where its values start and whether there are any; programs
+                material's place; per mesh and layer where its values start, whether there are any and texels a triangle; programs
                 (material_program.py); layers: two texels a triangle for uvs, three for colours
 surface_images  see material_images.py
 """
@@ -23,6 +23,7 @@ from ..material_program import (
     MATERIAL_INPUTS,
     MAX_INSTRUCTIONS,
     OP_CODES,
+    PAIRED_INPUTS,
     REGISTER_COUNT,
     OpCode,
     Program,
@@ -63,7 +64,7 @@ SURFACE_DEFINES: Mapping[str, int | float] = {
     },
     **{f"INPUT_{name}": index for index, name in enumerate(MATERIAL_INPUTS)},
     **dict(zip(("LUMINANCE_RED", "LUMINANCE_GREEN", "LUMINANCE_BLUE"), LUMINANCE, strict=True)),
-    "INPUT_COUNT": len(MATERIAL_INPUTS),
+    "PAIRED_INPUTS": PAIRED_INPUTS,
     "REGISTERS": REGISTER_COUNT,
     "MAX_INSTRUCTIONS": MAX_INSTRUCTIONS,
     "WORLD_BASE": _WORLD_BASE,
@@ -99,7 +100,11 @@ class SurfaceData:
             for table, mesh in zip(layer_tables, meshes, strict=True):
                 for layer, values in mesh.layers.items():
                     if layer in layer_index:
-                        table[layer_index[layer]] = (*split_integers(np.array(rows.add(_layer_rows(layer, values)))), 1.0, 0.0)
+                        table[layer_index[layer]] = (
+                            *split_integers(np.array(rows.add(_layer_rows(layer, values)))),
+                            1.0,
+                            _texels_per_triangle(layer),
+                        )
             self.bindings: dict[str, Texture] = {
                 "surface_data": owned.own(device.upload_array(rows.gather())),
                 "surface_images": self.images.texture,
@@ -137,6 +142,10 @@ def _place_rows(places: np.ndarray) -> np.ndarray:
     return np.pad(split_integers(places), ((0, 0), (0, 2)))
 
 
+def _texels_per_triangle(layer: Layer) -> int:
+    return 2 if layer.kind is LayerKind.UV else 3
+
+
 def _layer_rows(layer: Layer, values: np.ndarray) -> np.ndarray:
     if layer.kind is LayerKind.UV:
         return np.pad(values.reshape(-1, 6), ((0, 0), (0, 2))).reshape(-1, 4)
@@ -166,8 +175,10 @@ def _instance_rows(snapshot: SceneSnapshot, set_bases: np.ndarray, layer_tables:
 
 def _material_rows(material: Material, program: Program, layer_index: Mapping[Layer, int]) -> np.ndarray:
     """All but the program's place."""
-    rows = np.zeros((1 + len(MATERIAL_INPUTS), 4))
+    rows = np.zeros((2 + PAIRED_INPUTS // 2, 4))
     rows[0, 2] = layer_index[material.normal_map.layer] if material.normal_map else -1.0
     rows[0, 3] = material.has_metal_fresnel
-    rows[1:, :3] = program.constants
+    rows[1:-1, :3] = program.constants[:PAIRED_INPUTS:2]
+    rows[1:-1, 3] = program.constants[1:PAIRED_INPUTS:2, 0]
+    rows[-1, :3] = program.constants[PAIRED_INPUTS:, 0]
     return rows
