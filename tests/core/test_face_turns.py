@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vir_addon.core.light_work import FaceTurns
-from vir_addon.core.passes.shadow_maps import FIRST_FACE, LAST_FACE, LATE_FACES
+from vir_addon.core.passes.resolve import FIRST_FACE, LAST_FACE, LATE_FACES
 
 MASKS = [0b000101, 0b000010, 0b010000]
 FACES = st.sampled_from([0, 0b000001, 0b000010, 0b010000, 0b000110, 0b010010, 0b010111])

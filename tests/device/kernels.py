@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from vir_addon.core.passes.points import SAMPLING_CONSTANTS, SAMPLING_TABLES
 from vir_addon.core.passes.scene_data import SCENE_DEFINES, SCENE_TEXTURES
-from vir_addon.core.passes.shadow_maps import SAMPLING_CONSTANTS, SAMPLING_TABLES
 from vir_addon.core.passes.surface_data import REFLECTANCE_DEFINES, SURFACE_DEFINES, SURFACE_TEXTURES
 from vir_addon.device.declaration import (
     ComputeDeclaration,

@@ -19,7 +19,7 @@ from .settings import Hardware, Method, PointStorage, Settings
 POINT_BYTES = 16
 MICRO_BYTES_PER_TRIANGLE = 48
 SMALL_PERIMETER_TEXELS = 12.0
-"""around what micro-triangle rasterization calls small (core/passes/shadow_maps.py)"""
+"""around what micro-triangle rasterization calls small (core/passes/small_triangles.py)"""
 MAP_NS_PER_TEXEL = 60.0
 REFLECT_NS_PER_RAY = 500.0
 """of a software rasterizer; on a GPU neither was measured yet"""
@@ -27,7 +27,7 @@ SAMPLED_TRIANGLES = 2048
 MAX_LAYERS = 16
 """surfaces one behind the other that large triangles are taken to fill the maps with"""
 POINTS_PER_TEXEL = 2.0
-"""of the watertight lattice on a surface that faces the view (core/passes/shadow_maps.py); the published one has half"""
+"""of the watertight lattice on a surface that faces the view (core/passes/points.py); the published one has half"""
 NEW_DRAW_SHARE = 0.2
 """of the instances of a mesh that begin a draw: those of a view which follow each other share one"""
 GLOBAL_RATE_SHARE = 2.0

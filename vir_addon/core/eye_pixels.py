@@ -26,7 +26,7 @@ class EyePixels:
         return self.angle_rad * np.linalg.norm(places_ws - self.eye_ws, axis=1) + self.width_m
 
     def table(self, views: FaceViews) -> np.ndarray:
-        """(2, 4) rows of the table `eye` (core/passes/shadow_maps.py)"""
+        """(2, 4) rows of the table `eye` (core/passes/points.py)"""
         rows = np.zeros((2, 4))
         rows[0, :3] = views.face.face_from_world @ (self.eye_ws - views.origin_ws)
         rows[1, :2] = self.angle_rad, self.width_m

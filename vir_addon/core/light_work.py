@@ -18,8 +18,9 @@ from .pass_set import PassStatistics
 from .passes.accumulate import MIN_EARLY_SETTLING_VIEWS, MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, STATE_LIT, PassAccumulator
 from .passes.eye import EyePass
 from .passes.percentage_closer import PERCENTAGE_CLOSER, LightTaps
+from .passes.resolve import FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, WAS_LIT
 from .passes.scene_data import SceneData
-from .passes.shadow_maps import FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, WAS_LIT, DepthMaps, face_table, samples_table, views_table
+from .passes.shadow_maps import DepthMaps, face_table, samples_table, views_table
 from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
 from .reflection_work import ReflectionWork
 from .sampling import light_samples, sample_weights

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..passes.shadow_maps import SPLAT_CELLS
+from ..passes.points import SPLAT_CELLS
 from ..settings import PointStorage
 from .base import FaceJob
 from .ivir import ImprovedViewIndependentRasterization

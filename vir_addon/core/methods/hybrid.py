@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..passes.shadow_maps import BUFFER_SMALL_TRIANGLES, SPLAT_SMALL_TRIANGLES
+from ..passes.points import BUFFER_SMALL_TRIANGLES, SPLAT_SMALL_TRIANGLES
 from ..settings import PointStorage
 from .base import FaceJob
 from .ivir import ImprovedViewIndependentRasterization

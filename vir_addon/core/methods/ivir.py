@@ -14,17 +14,9 @@ import numpy as np
 
 from ...device.declaration import KernelDeclaration
 from ...device.owned import Owned
+from ..passes.points import BUFFER_TILES, BUFFER_TRIANGLES, CUT_PARTS, KEEP_SEEN_POINTS, SPLAT_POINTS, SPLAT_TILES, SPLAT_TRIANGLES
 from ..passes.scene_data import WORK_GROUP_SIZE
-from ..passes.shadow_maps import (
-    BUFFER_TILES,
-    BUFFER_TRIANGLES,
-    CUT_PARTS,
-    KEEP_SEEN_POINTS,
-    SPLAT_POINTS,
-    SPLAT_TILES,
-    SPLAT_TRIANGLES,
-    DepthMaps,
-)
+from ..passes.shadow_maps import DepthMaps
 from ..settings import PointStorage
 from .base import FaceJob, ReplayMethod
 from .linear_store import LinearStore

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..passes.shadow_maps import (
+from ..passes.points import (
     BUFFER_TILES_BY_RASTERIZER,
     BUFFER_TRIANGLES_BY_RASTERIZER,
     LATTICE_VIEWPORT_PX,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...device.interface import LINEAR_TEXTURE_WIDTH, Device, Texture, TextureFormat
 from ...device.owned import Owned
 from ..errors import DeviceError
-from ..passes.shadow_maps import COPY_TEXELS
+from ..passes.small_triangles import COPY_TEXELS
 
 
 class LinearStore:

@@ -19,7 +19,8 @@ import numpy as np
 
 from ...device.interface import TextureFormat
 from ...device.owned import Owned
-from ..passes.shadow_maps import GATHER_TRIANGLES, KEEP_SEEN_TRIANGLES, RASTERIZE_SMALL_TRIANGLES, DepthMaps
+from ..passes.shadow_maps import DepthMaps
+from ..passes.small_triangles import GATHER_TRIANGLES, KEEP_SEEN_TRIANGLES, RASTERIZE_SMALL_TRIANGLES
 from .base import FaceJob, ReplayMethod
 from .large_triangles import BYTES_PER_TRIANGLE, TEXELS_PER_TRIANGLE, LargeTriangles
 from .linear_store import LinearStore

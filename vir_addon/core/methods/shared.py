@@ -7,7 +7,7 @@ from typing import Protocol
 
 from ...device.interface import Device, TextureFormat
 from ...device.owned import Owned
-from ..passes.shadow_maps import LATTICE_VIEWPORT_PX
+from ..passes.points import LATTICE_VIEWPORT_PX
 from ..settings import Settings
 from .linear_store import LinearStore
 
@@ -15,7 +15,7 @@ TEXELS_PER_TILE = 2
 """of a part as well"""
 TEXELS_PER_SPLAT = 2
 COUNTER_COUNT = 5
-"""as of COUNTERS in core/passes/shadow_maps.py"""
+"""as of COUNTERS in core/passes/points.py"""
 FIRST_TILE_CAPACITY = 1 << 15
 FIRST_PART_CAPACITY = 1 << 13
 SOURCE_PART_PX = 2048

@@ -11,7 +11,7 @@ nearest of those that fall into one texel (local point culling).
 
 from __future__ import annotations
 
-from ..passes.shadow_maps import POINTS_AT_ONCE
+from ..passes.points import POINTS_AT_ONCE
 from ..settings import PointStorage
 from .base import FaceJob
 from .ivir import ImprovedViewIndependentRasterization

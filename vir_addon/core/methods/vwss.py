@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from ...device.interface import TextureFormat
-from ..passes.shadow_maps import BUFFER_FRAGMENTS, SPLAT_FRAGMENTS, SPLAT_POINTS, DepthMaps
+from ..passes.points import BUFFER_FRAGMENTS, SPLAT_FRAGMENTS, SPLAT_POINTS
+from ..passes.shadow_maps import DepthMaps
 from ..settings import PointStorage
 from ..views import FaceViews
 from .base import FaceJob, ReplayMethod

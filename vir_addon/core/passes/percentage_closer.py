@@ -18,7 +18,8 @@ from ..sampling import light_samples, sample_weights
 from ..scene import Light, LightShape
 from ..settings import MAX_TAPS, Settings
 from ..views import Face, light_axes
-from .shadow_maps import LOOKED_UP_VIEWS, RESOLVE, DepthMaps
+from .resolve import LOOKED_UP_VIEWS, RESOLVE
+from .shadow_maps import DepthMaps
 
 GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
 BLOCK_PX = 16

@@ -1,0 +1,74 @@
+"""Looking the picture up in the depth maps of a batch."""
+
+from __future__ import annotations
+
+from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
+from .accumulate import ROUND_SUMS_TEXT, SETTLED_DEFINES
+from .shadow_maps import FACE_TABLE, MIXED_MAPS_FLAG, ORTHOGRAPHIC_FLAG, SAMPLES_TABLE, VIEWS_TABLE
+from .tiles import PROBES_FLAG, SIZE_CONSTANTS, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES
+
+LOOKED_UP_VIEWS = {
+    "first_view": Constant("int", "the first view of the batch to look up"),
+    "view_count": Constant("int", "how many to look up"),
+}
+
+TILE_FACES = ComputeDeclaration(
+    name="tile_faces",
+    text="finds the faces of a light's cube that each tile of the picture needs",
+    source="tile_faces.comp.glsl",
+    local_size=(8, 8, 1),
+    textures={"positions": Sampled("sampler2D", "position (world space) and instance number, -1 for the background")},
+    images={"tile_faces": Stored("R32UI", "write", "a bit a face")},
+    constants={**SIZE_CONSTANTS, **LOOKED_UP_VIEWS},
+    tables={"face": FACE_TABLE, "samples": SAMPLES_TABLE},
+    defines={"TILE_PX": TILE_PX},
+)
+
+LATE_FACES = 0x3F
+FIRST_FACE = 0x40
+LAST_FACE = 0x80
+WAS_LIT = 0x100
+TURN_DEFINES = {"LATE_FACES": LATE_FACES, "FIRST_FACE": FIRST_FACE, "LAST_FACE": LAST_FACE, "WAS_LIT": WAS_LIT}
+"""What RESOLVE knows of a tile's turn in a round: faces before this one that count as they did before, as lit or as dark, and whether it
+begins or ends the round's sums."""
+
+RESOLVE = ComputeDeclaration(
+    name="resolve",
+    text="looks visible surfaces up in the maps of a batch and accumulates the pass",
+    source="resolve.comp.glsl",
+    local_size=(TILE_PX, TILE_PX, 1),
+    textures={
+        "positions": Sampled("sampler2D", "position (world space) and instance number, -1 for the background"),
+        "normals": Sampled("sampler2D", "geometric normal (world space) and packed shading normal"),
+        "depth_maps": Sampled("usampler2D", "depth maps of the batch"),
+        "receivers": Sampled("sampler2D", "x: whether an instance receives this light; read with RECEIVER_LINKING"),
+        **TILE_TEXTURES,
+    },
+    images={
+        "round_sums": Stored("RGBA32F", "read_write", ROUND_SUMS_TEXT),
+        "batch_sums": Stored("RGBA32F", "read_write", "s and d of the faces of this round so far"),
+        "disagreeing": Stored("R32UI", "write", "with PROBES: 1 for tiles of which a pixel is not as all of them were before"),
+    },
+    constants={
+        **SIZE_CONSTANTS,
+        **TILE_CONSTANTS,
+        **LOOKED_UP_VIEWS,
+        "map_face": Constant("int", "number of the face that the maps are of; with MANY_FACES"),
+        "face_mask": Constant(
+            "int", "faces that this dispatch looks up: that of the maps and, in the first, all without casters; MANY_FACES"
+        ),
+    },
+    tables={"face": FACE_TABLE, "views": VIEWS_TABLE, "samples": SAMPLES_TABLE},
+    flags={
+        **ORTHOGRAPHIC_FLAG,
+        "OMNI": "the light shines from its centre to all sides, not from a plane",
+        "SPHERE": "with OMNI: from a sphere around its centre",
+        "CONE": "with OMNI: into a spot's cone only",
+        "RECEIVER_LINKING": "leave out instances that the light does not illuminate",
+        "MANY_FACES": "several faces share the directions",
+        "POINT_MAPS": "the maps were splatted: undo the half texel by which that enlarges outlines",
+        **PROBES_FLAG,
+        **MIXED_MAPS_FLAG,
+    },
+    defines={**TILE_DEFINES, **TURN_DEFINES, **SETTLED_DEFINES},
+)
