@@ -17,8 +17,8 @@ from .steps import Steps
 
 WATCHED_STEPS = 16
 """The longest of so many latest steps is what the next one is expected to take."""
-HOST_WAIT_S = 0.01
-"""Short work on another thread is worth waiting for: the next slice would come later."""
+HOST_WAIT_SHARE = 1 / 3
+"""of a slice: short work on another thread is worth waiting for, as the next slice would come later"""
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,8 @@ class ProgressiveRender:
         self._renderer: Renderer | None = None
         self._steps: Steps | None = None
         self._pending: Future[Any] | None = None
+        self._answer: Any = None
+        """what has come of it"""
         self._recent_s: deque[float] = deque(maxlen=WATCHED_STEPS)
         self._drawn: tuple[str | None, int] | None = None
         """light and number of batches of what is in the picture"""
@@ -88,13 +90,14 @@ class ProgressiveRender:
         Raises VirError if what is to be shown cannot be: then nothing happens before `show` is called again.
         """
         start = time.perf_counter()
-        has_changed = False
+        has_changed = has_waited = False
         try:
-            while not self.is_done:
-                if self._step(budget_s - (time.perf_counter() - start)):
-                    has_changed = True
-                elapsed_s = time.perf_counter() - start
-                if self.is_waiting or elapsed_s + max(self._recent_s, default=0.0) > budget_s:
+            while not (self.is_done or has_waited):
+                if self._pending is not None:
+                    has_waited = not self._wait(min(budget_s * HOST_WAIT_SHARE, budget_s - (time.perf_counter() - start)))
+                else:
+                    has_changed |= self._step()
+                if time.perf_counter() - start + max(self._recent_s, default=0.0) > budget_s:
                     break
         except BaseException:
             self._stop()
@@ -104,16 +107,20 @@ class ProgressiveRender:
             self.standing = Standing(self.standing.views_done, self.standing.views_total, self.standing.error_estimate, busy_ms)
         return has_changed
 
-    def _step(self, left_s: float) -> bool:
+    def _wait(self, limit_s: float) -> bool:
+        """For what happens in the executor; whether it is there."""
+        assert self._pending is not None
+        try:
+            self._answer = self._pending.result(timeout=max(limit_s, 0.0))
+        except TimeoutError:
+            return False
+        self._pending = None
+        return True
+
+    def _step(self) -> bool:
         if self._steps is None or (self._is_between_batches and not self._is_drawn):
             return self._draw()
-        answer = None
-        if self._pending is not None:
-            try:
-                answer = self._pending.result(timeout=max(min(left_s, HOST_WAIT_S), 0.0))
-            except TimeoutError:
-                return False
-            self._pending = None
+        answer, self._answer = self._answer, None
         start, kernel_count = time.perf_counter(), self.device.kernel_count
         host_work, has_ended = self.device.run(_send, self._steps, answer)
         took_s = time.perf_counter() - start
@@ -193,7 +200,7 @@ class ProgressiveRender:
     def _stop(self) -> None:
         if self._steps is not None:
             self.device.run(self._steps.close)
-        self._steps = self._pending = None
+        self._steps = self._pending = self._answer = None
 
     def close(self) -> None:
         """Free what the device holds."""
