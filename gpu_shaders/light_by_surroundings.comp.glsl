@@ -31,8 +31,8 @@ void main() {
     }
     vec4 ray = texelFetch(ray_origins, pixel, 0);
     float first_m = FIRST_SHARE * max(length(position.xyz - ray.xyz), length(position.xyz));
-    int aside = int(texelFetch(throughputs, pixel, 0).w);
-    Found found = follow(load_map(aside >= 0 ? aside : int(ray.w)), position.xyz, direction, first_m);
+    int beside = int(texelFetch(throughputs, pixel, 0).w);
+    Found found = follow(load_map(beside >= 0 ? beside : int(ray.w)), position.xyz, direction, first_m);
     vec3 radiance = vec3(0.0);
     if (found.how == REFLECTED_NOTHING) {
         radiance = world_radiance(direction);

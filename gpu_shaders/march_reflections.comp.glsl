@@ -3,6 +3,8 @@
 #include "lib/march.glsl"
 #include "lib/tiles.glsl"
 
+const float OWN_SHARE = 10.0;  // of what is rounding to other surfaces: the ray begins in its own
+
 void main() {
     ivec2 pixel;
     if (!find_pixel(pixel)) {
@@ -16,9 +18,16 @@ void main() {
         ReflectionMap map = load_map(int(ray.w));
         vec4 direction = texelFetch(ray_directions, pixel, 0);
         Found found = follow(map, ray.xyz, direction.xyz, direction.w);
-        int aside = int(texelFetch(throughputs, pixel, 0).w);
-        if (found.how == REFLECTED_OUT_OF_VIEW && aside >= 0) {
-            found = follow(load_map(aside), ray.xyz, direction.xyz, direction.w);
+        int beside = int(texelFetch(throughputs, pixel, 0).w);
+        if (found.how == REFLECTED_OUT_OF_VIEW && beside >= 0) {
+            found = follow(load_map(beside), ray.xyz, direction.xyz, direction.w);
+        }
+        if (beside < -1) {
+            Found own = march(load_map(-2 - beside), ray.xyz, direction.xyz, OWN_SHARE * direction.w);
+            bool is_before = found.how != REFLECTED_SURFACE || own.meeting.along < found.meeting.along;
+            if (own.how == REFLECTED_SURFACE && own.meeting.inside && is_before) {
+                found = own;
+            }
         }
         surface.w = float(found.how);
         if (!is_empty(found.texel)) {

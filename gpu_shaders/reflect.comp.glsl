@@ -38,12 +38,13 @@ void main() {
     vec4 ray = vec4(0.0);
     int instance_index = int(position.w);
     int map_number = -1;
-    float aside = -1.0;
+    float beside = -1.0;
     if (instance_index >= 0) {
         vec4 maps = texelFetch(instance_maps, linear_texel(instance_index), 0);
 #ifdef FROM_EYE
         map_number = int(maps.x);
-        aside = maps.z;
+        // only flat ones have a map beside the first, only others show themselves
+        beside = maps.w >= 0.0 ? -2.0 - maps.w : maps.z;
 #else
         map_number = int(maps.y);
 #endif
@@ -100,7 +101,7 @@ void main() {
         if (surface.coat_weight <= 0.0) {
             reflected = lobe_fresnel(surface, lobe_of(surface.roughness, cosine), clamp(-dot(facet, incoming), 0.0, 1.0));
         }
-        color = vec4(before * masked * reflected, aside);
+        color = vec4(before * masked * reflected, beside);
         origin = vec4(position.xyz, float(map_number));
         ray = vec4(outgoing, FIRST_SHARE * max(traveled, length(position.xyz)));
     }

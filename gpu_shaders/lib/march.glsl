@@ -51,10 +51,9 @@ struct Found {
     int how;
 };
 
-// Of four texels around a place of the finest level the triangle that the ray meets first, within its edges.
-Found meet_neighbours(ReflectionMap map, int face, vec2 place, vec3 origin_ws, vec3 direction_ws, vec2 between) {
+// Of the three texels next to one of the finest level, towards a place, the triangle that the ray meets first, within its edges.
+Found meet_neighbours(ReflectionMap map, int face, ivec2 own, vec2 place, vec3 origin_ws, vec3 direction_ws, vec2 between) {
     Found found = Found(Meeting(FAR_ALONG, vec2(0.0), false), vec4(-1.0), REFLECTED_NOTHING);
-    ivec2 own = ivec2(floor(place));
     ivec2 toward = ivec2(place.x - float(own.x) > 0.5 ? 1 : -1, place.y - float(own.y) > 0.5 ? 1 : -1);
     for (int k = 1; k < 4; k++) {
         ivec2 cell = own + toward * ivec2(k & 1, k >> 1);
@@ -129,7 +128,9 @@ Found march(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m)
             bool is_met = is_between && meeting.inside;
             // beside an outline the texel's centre sees past what the ray meets, or meets what the ray passes by
             float before = is_met ? meeting.along : between.y + texel_crossing;
-            Found nearby = meet_neighbours(map, face, place, origin_ws, direction_ws, vec2(between.x, before));
+            vec3 at = f + ((is_between ? meeting.along : along + 0.5 * min(crossing, texel_crossing)) - along) * g;
+            vec2 place_there = (at.xy / max(at.z, map.near_m) - map.corner) / map.texel;
+            Found nearby = meet_neighbours(map, face, cell, place_there, origin_ws, direction_ws, vec2(between.x, before));
             if (nearby.how == REFLECTED_SURFACE || is_between) {
                 found = nearby.how == REFLECTED_SURFACE ? nearby : Found(meeting, texel, REFLECTED_SURFACE);
                 break;

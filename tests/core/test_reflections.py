@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from tests.ray_tracing import world_triangles
-from tests.scenes import bumpy_sphere, floor, matte, mirror, perspective_camera, point_light, rectangle, render_passes, snapshot
+from tests.scenes import box, bumpy_sphere, floor, matte, mirror, perspective_camera, point_light, rectangle, render_passes, snapshot
 from vir_addon.core.material import World
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
+from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX
 from vir_addon.core.plan import plan as planned
 from vir_addon.core.scene import Mesh
 from vir_addon.core.settings import Effect, Settings
@@ -206,3 +209,114 @@ def test_parallel_mirrors_show_as_many_images_as_bounces(device, bounces):
         row = round(HEIGHT / 2 + 0.4 / distance / 0.5 * WIDTH / 2)
         shown += image[row, column] > 0.99
     assert shown == bounces
+
+
+def test_a_reflector_that_is_not_convex_shows_itself(device):
+    """Floor and wall of one mirror: what its own other part keeps from the world is black after one bounce, and its image after two."""
+    positions = np.array([(-1, 0, 0), (1, 0, 0), (1, 2, 0), (-1, 2, 0), (1, 2, 2), (-1, 2, 2)], np.float32)
+    corner = Mesh("corner", positions, np.array([(0, 1, 2), (0, 2, 3), (3, 2, 4), (3, 4, 5)], np.int32))
+    camera = perspective_camera((0.3, -3.0, 2.5), (0.0, 1.2, 0.6), WIDTH, HEIGHT, 0.45)
+    scene = snapshot([corner], [], camera, WIDTH, HEIGHT, materials=[mirror()], world=World((0.5, 0.5, 0.5)))
+    once, twice = (
+        render_passes(scene, device, effects=(Effect.REFLECTION,), bounces=bounces)[REFLECTION_PASS_NAME][..., 0] for bounces in (1, 2)
+    )
+
+    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
+    to_wall, to_floor = (2 - eye[1]) / directions[..., 1], -eye[2] / directions[..., 2]
+    wall, ground = (eye + to[..., None] * directions for to in (to_wall, to_floor))
+    on_wall = (np.abs(wall[..., 0]) < 0.98) & (wall[..., 2] > 0.02) & (wall[..., 2] < 1.98)
+    on_floor = (np.abs(ground[..., 0]) < 0.98) & (ground[..., 1] > 0.02) & (ground[..., 1] < 1.98) & (to_floor > 0)
+    from_wall, from_floor = directions * (1, -1, 1), directions * (1, 1, -1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        met_floor = wall - (wall[..., 2] / from_wall[..., 2])[..., None] * from_wall
+        met_wall = ground + ((2 - ground[..., 1]) / from_floor[..., 1])[..., None] * from_floor
+
+    def within(x, y, most):
+        return np.minimum(1 - np.abs(x), 1 - np.abs(y - most / 2) / (most / 2))
+
+    inner = np.where(on_wall, within(met_floor[..., 0], met_floor[..., 1], 2), within(met_wall[..., 0], met_wall[..., 2], 2))
+    inner = np.where(on_wall & (from_wall[..., 2] >= 0), -1.0, inner)
+    shown = (on_wall | on_floor) & (np.abs(inner) > 0.06)
+    assert (shown & (inner > 0)).sum() > 500
+    assert (shown & (inner < 0)).sum() > 500
+    np.testing.assert_allclose(once[shown], np.where(inner > 0, 0.0, 0.5)[shown], atol=1e-3)
+    np.testing.assert_allclose(twice[shown], 0.5, atol=1e-3)
+
+
+def reflectors_of(scene, **settings):
+    return planned(scene, Settings(effects=(Effect.REFLECTION,), **settings)).reflections
+
+
+def test_what_cannot_reflect_gets_a_line_that_says_why():
+    walls, materials = colored_box(3.0)
+    point = Mesh("point", np.zeros((3, 3), np.float32), np.array([(0, 1, 2)], np.int32))
+    ball = bumpy_sphere("behind the eye", (-8.0, 0, 0), 0.5, 8)
+    camera = perspective_camera((-2.6, 0, 0), (0, 0, 0), WIDTH, HEIGHT)
+    scene = snapshot([*walls, point, ball], [], camera, WIDTH, HEIGHT, materials=[*materials, mirror(), mirror()], world=World())
+    found = {each.name: each for each in reflectors_of(scene, bounces=1).reflectors}
+    assert not any(each.runs for each in found.values())
+    assert found["point"].reason == "skipped: it has no size"
+    assert found["behind the eye"].reason == "skipped: not in the picture"
+    seen_twice = {each.name: each for each in reflectors_of(scene, bounces=2).reflectors}
+    assert "within other reflectors" in seen_twice["behind the eye"].reason
+
+
+def test_matte_scenes_draw_no_maps(device):
+    walls, materials = colored_box(3.0)
+    scene = snapshot(walls, [], perspective_camera((-2.6, 0, 0), (0, 0, 0), 32, 16), 32, 16, materials=materials, world=World())
+    assert not reflectors_of(scene).runs
+    passes = render_passes(scene, device, effects=(Effect.REFLECTION,))
+    assert set(passes) == {REFLECTION_PASS_NAME, REFLECTION_COLOR_PASS_NAME}
+    assert not any(image.any() for image in passes.values())
+
+
+def test_five_hundred_reflectors_keep_to_the_memory_they_are_given():
+    balls = [bumpy_sphere(f"ball {k}", (k % 25 - 12, k // 25, 0.0), 0.4, 6) for k in range(500)]
+    camera = perspective_camera((0, -8, 6), (0, 8, 0), 960, 540, 0.8)
+    scene = snapshot(balls, [], camera, 960, 540, materials=[mirror()] * 500, world=World())
+    found = reflectors_of(scene, bounces=1, reflection_map_mib=64)
+    assert sum(each.runs for each in found.reflectors) > 400
+    assert sum(each.texel_count for each in found.maps) * BYTES_PER_TEXEL <= 64 << 20 or all(
+        each.width_px == MAP_SIZE_STEP_PX for each in found.maps
+    )
+    assert any("smaller for all maps to fit" in each.reason for each in found.reflectors)
+
+
+def test_an_eye_within_a_reflector_looks_from_where_it_is(device):
+    """A room of mirrors with a lamp: every wall shows the room, from the eye's own place."""
+    room = box("room", (0, 0, 0), (2, 2, 2), inside_out=True)
+    lamp = box("lamp", (0.5, 0.5, 0.8), (0.2, 0.2, 0.2))
+    camera = perspective_camera((0.2, -1.0, 0.1), (0.0, 1.0, 0.0), 64, 36, 0.6)
+    scene = snapshot([room, lamp], [], camera, 64, 36, materials=[mirror(), matte((0, 0, 0), (1, 1, 1))], world=World((0.3, 0, 0)))
+    assert "the eye is inside" in reflectors_of(scene).reflectors[0].reason
+    image = render_passes(scene, device, effects=(Effect.REFLECTION,), bounces=2)[REFLECTION_PASS_NAME]
+    # nothing of the world gets into a closed room
+    assert image[..., 0].max() > 0.99
+    np.testing.assert_allclose(image[..., 0], image[..., 1], atol=2e-3)
+
+
+@pytest.mark.parametrize("scale", [(-1.0, 1.0, 1.0), (2.0, 0.7, 1.3)])
+def test_mirrored_and_stretched_reflectors_reflect_as_they_stand(device, scale):
+    """The same mirror as its vertices say and as its object's transform does."""
+    walls, materials = colored_box(3.0)
+    ball = bumpy_sphere("ball", (0, 0, 0), 0.7, 48, bump_share=0.0)
+    normals = ball.positions_os / np.array(scale) ** 2 * np.array(scale)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    stretched = dataclasses.replace(ball, positions_os=(ball.positions_os * np.array(scale)).astype(np.float32))
+    if np.prod(scale) < 0:
+        stretched = dataclasses.replace(stretched, triangles=stretched.triangles[:, ::-1].copy())
+    stretched = dataclasses.replace(stretched, point_normals_os=normals.astype(np.float32))
+    camera = perspective_camera((-2.6, -1.0, 0.8), (0, 0, 0), WIDTH, HEIGHT, 0.6)
+    transforms = np.tile(np.eye(4), (7, 1, 1))
+    placed = transforms.copy()
+    placed[6, :3, :3] = np.diag(scale)
+    images = [
+        render_passes(
+            snapshot([*walls, mesh], [], camera, WIDTH, HEIGHT, transforms=matrices, materials=[*materials, mirror()], world=World()),
+            device,
+            effects=(Effect.REFLECTION,),
+        )[REFLECTION_PASS_NAME]
+        for mesh, matrices in ((stretched, transforms), (ball, placed))
+    ]
+    assert images[0].max() > 0.5
+    assert (np.abs(images[0] - images[1]).max(axis=-1) > 0.02).mean() < 0.005

@@ -180,6 +180,13 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help="how often light is followed from reflector to reflector; default: 2 where there are several, otherwise 1",
     )
     parser.add_argument(
+        "--reflection-samples",
+        type=int,
+        default=defaults.reflection_sample_count,
+        metavar="N",
+        help=f"rays of every pixel that shows a reflector; default {defaults.reflection_sample_count}",
+    )
+    parser.add_argument(
         "--reflection-look-up",
         type=partial(_parse_choice, ReflectionLookUp),
         default=defaults.reflection_look_up,
@@ -206,6 +213,7 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
     return Settings(
         effects=arguments.effects,
         bounces=arguments.bounces,
+        reflection_sample_count=arguments.reflection_samples,
         reflection_look_up=arguments.reflection_look_up,
         method=method,
         points=arguments.points,

@@ -21,6 +21,8 @@ from .views import light_axes
 
 DEFAULT_BOUNCES = 2
 """where a scene has reflectors that may show in each other"""
+REFLECTION_SAMPLES_PER_BATCH = 2
+"""each keeps a G-buffer for every bounce"""
 MIN_EYE_SAMPLES = 8
 MAX_EYE_SAMPLES = 16
 """Anti-aliasing gains little from more: with 16 samples of the filter an edge pixel is off by about a fiftieth."""
@@ -122,8 +124,13 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     needs_rounds = reflections is not None and reflections.runs
     most_views = max((planned.view_count for planned in running), default=int(needs_rounds))
     batch_count = _batch_count(most_views, settings.map_resolution_px, settings.batch_view_count) if most_views else 1
+    if needs_rounds:
+        batch_count = max(batch_count, math.ceil(settings.reflection_sample_count / REFLECTION_SAMPLES_PER_BATCH))
     eye_samples_per_batch = _eye_samples_per_batch(most_views, batch_count)
-    eye_sample_count = min(batch_count * eye_samples_per_batch, MAX_EYE_SAMPLES)
+    if needs_rounds:
+        eye_samples_per_batch = max(eye_samples_per_batch, math.ceil(settings.reflection_sample_count / batch_count))
+    most_eye_samples = max(MAX_EYE_SAMPLES, settings.reflection_sample_count * needs_rounds)
+    eye_sample_count = min(batch_count * eye_samples_per_batch, most_eye_samples)
     predicted = {planned.light_name: planned.predicted_ms for planned in running}
     eye_ms = cost.eye_ms(snapshot, settings, eye_sample_count)
     reflections_ms = reflections.predicted_ms if reflections is not None else 0.0

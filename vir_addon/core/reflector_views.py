@@ -24,6 +24,9 @@ TOWARDS_EYE_SHARE = 0.7
 MIN_NEAR_SHARE = 1e-4
 """of the reach: depth that the rasterizer still tells apart"""
 MAX_INSCRIBED_TRIANGLES = 1 << 18
+CONVEXITY_TRIANGLES, CONVEXITY_CORNERS = 512, 4096
+CONVEXITY_SHARE = 1e-3
+"""of a reflector's size: shallower hollows show nothing of themselves"""
 FLAT_SHARE = 1e-4
 """of a reflector's size: by so much a flat one may be off its plane"""
 MIN_EYE_HEIGHT_SHARE = 1e-3
@@ -113,32 +116,69 @@ def mirrored_view(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray,
     mirrored = np.eye(3) - 2 * np.outer(plane[:3], plane[:3])
     center_ws = eye_ws - 2 * height * plane[:3]
     right, up, backward = (mirrored @ camera.world_from_view[:3, :3]).T
-    low_x, high_x, low_y, high_y = covered_window(camera, corners)
-    left, right_end, bottom, top = camera.window
-    steps = abs(right_end - left) / snapshot.width_px / TEXELS_PER_PX, abs(top - bottom) / snapshot.height_px / TEXELS_PER_PX
+    axes = np.stack([right, up, -backward])
+    return _view(snapshot, bounds, own, center_ws, axes, np.setdiff1d(np.arange(len(snapshot.instances)), own), facing)
+
+
+def eye_view(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray) -> ReflectionMap:
+    """The reflector as the eye sees it, alone: surfaces of it that show in others of it are mostly those that the eye sees."""
+    matrix = snapshot.camera.world_from_view
+    axes = np.stack([matrix[:3, 0], matrix[:3, 1], -matrix[:3, 2]])
+    return _view(snapshot, bounds, own, matrix[:3, 3], axes, own, None)
+
+
+def _view(
+    snapshot: SceneSnapshot,
+    bounds: SceneBounds,
+    own: np.ndarray,
+    center_ws: np.ndarray,
+    axes: np.ndarray,
+    instances: np.ndarray,
+    clipped_by: np.ndarray | None,
+) -> ReflectionMap:
+    """Through the part of the camera's window that a reflector covers, from the eye or its mirror image."""
+    camera = snapshot.camera
+    low_x, high_x, low_y, high_y = covered_window(camera, bounds.corners_ws[own].reshape(-1, 3))
+    left, right, bottom, top = camera.window
+    steps = abs(right - left) / snapshot.width_px / TEXELS_PER_PX, abs(top - bottom) / snapshot.height_px / TEXELS_PER_PX
     margin = VIEW_MARGIN_PX * TEXELS_PER_PX
-    sizes = []
+    sizes, widths = [], []
     for extent, step in ((high_x - low_x, steps[0]), (high_y - low_y, steps[1])):
         sizes.append(min(math.ceil((extent / step + 2 * margin) / MAP_SIZE_STEP_PX) * MAP_SIZE_STEP_PX, MAX_VIEW_PX))
-    # maps are whole steps wide; one that would be too large has larger texels
-    widths = [
-        max(size * step, extent + 2 * margin * step)
-        for size, step, extent in zip(sizes, steps, (high_x - low_x, high_y - low_y), strict=True)
-    ]
+        # whole steps wide; one that would be too large has larger texels
+        widths.append(max(sizes[-1] * step, extent + 2 * margin * step))
     x, y = low_x - margin * steps[0], low_y - margin * steps[1]
     reach_m = _reach(bounds, center_ws)
     return ReflectionMap(
         center_ws=center_ws,
-        axes=np.stack([right, up, -backward]),
+        axes=axes,
         is_cube=False,
         width_px=sizes[0],
         height_px=sizes[1],
         window=(x, x + widths[0], y, y + widths[1]),
         near_m=MIN_NEAR_SHARE * reach_m,
         reach_m=reach_m,
-        instances=np.setdiff1d(np.arange(len(snapshot.instances)), own),
-        clipped_by=facing,
+        instances=instances,
+        clipped_by=clipped_by,
     )
+
+
+def is_convex_to_eye(snapshot: SceneSnapshot, own: np.ndarray) -> bool:
+    """Whether no corner of a reflector lies before any of its surfaces that the eye sees, both on a regular subset."""
+    triangles = np.concatenate(placed_triangles(snapshot, own, snapshot.camera.world_from_view[:3, 3]))
+    corners = triangles.reshape(-1, 3)[:: max(1, 3 * len(triangles) // CONVEXITY_CORNERS)]
+    tested = triangles[:: max(1, len(triangles) // CONVEXITY_TRIANGLES)]
+    normals = np.cross(tested[:, 1] - tested[:, 0], tested[:, 2] - tested[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    tested, normals = tested[lengths > 0], normals[lengths > 0] / lengths[lengths > 0, None]
+    facing = (tested[:, 0] * normals).sum(axis=1) < 0
+    if all(snapshot.meshes[snapshot.instances.mesh_index[index]].is_closed for index in own):
+        tested, normals = tested[facing], normals[facing]
+    else:
+        # both sides of what is open may be seen
+        normals = np.where(facing[:, None], normals, -normals)
+    heights = corners @ normals.T - (tested[:, 0] * normals).sum(axis=1)
+    return bool((heights < CONVEXITY_SHARE * np.ptp(corners, axis=0).max()).all())
 
 
 def cube_size_px(pixels: float) -> int:
@@ -172,19 +212,22 @@ def covered_window(camera: Camera, corners_ws: np.ndarray) -> tuple[float, float
     )
 
 
+def placed_triangles(snapshot: SceneSnapshot, own: np.ndarray, origin_ws: np.ndarray) -> list[np.ndarray]:
+    """Of each instance, (n, 3, 3) float64 corners from an origin, counter-clockwise seen from the front."""
+    instances, parts = snapshot.instances, []
+    for index in own:
+        mesh, matrix = snapshot.meshes[instances.mesh_index[index]], instances.world_from_object[index].astype(np.float64)
+        placed = mesh.positions_os.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3] - origin_ws
+        parts.append(placed[mesh.triangles if np.linalg.det(matrix[:3, :3]) > 0 else mesh.triangles[:, ::-1]])
+    return parts
+
+
 def _inscribed_radius(snapshot: SceneSnapshot, own: np.ndarray, center_ws: np.ndarray) -> float:
     """Metres from a place to the nearest triangle of a closed surface around it; 0 where it is not inside of one. What is nearer is within
     the reflector, and nothing reflects it."""
-    instances = snapshot.instances
-    meshes = [snapshot.meshes[instances.mesh_index[index]] for index in own]
-    if sum(mesh.triangle_count for mesh in meshes) > MAX_INSCRIBED_TRIANGLES:
+    if sum(snapshot.meshes[snapshot.instances.mesh_index[index]].triangle_count for index in own) > MAX_INSCRIBED_TRIANGLES:
         return 0.0
-    parts = []
-    for index, mesh in zip(own, meshes, strict=True):
-        matrix = instances.world_from_object[index].astype(np.float64)
-        placed = mesh.positions_os.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3] - center_ws
-        parts.append(placed[mesh.triangles])
-    triangles = np.concatenate(parts)
+    triangles = np.concatenate(placed_triangles(snapshot, own, center_ws))
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     # solid angles (Van Oosterom & Strackee 1983) sum to 4 pi inside
     la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))

@@ -10,7 +10,18 @@ import numpy as np
 from .bounds import SceneBounds
 from .material import Combination, Constant, CornerValue, ImageSample, Material, MaterialInput
 from .passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX, ReflectionMap
-from .reflector_views import covered_size_px, cube_around, cube_around_eye, cube_size_px, eye_is_inside, flat_plane, mirrored_view
+from .reflector_views import (
+    MAX_MAP_PX,
+    covered_size_px,
+    cube_around,
+    cube_around_eye,
+    cube_size_px,
+    eye_is_inside,
+    eye_view,
+    flat_plane,
+    is_convex_to_eye,
+    mirrored_view,
+)
 from .scene import SceneSnapshot
 from .settings import Settings
 
@@ -21,6 +32,8 @@ MIN_REFLECTANCE = 0.02
 """Less than that straight on is not seen."""
 UNSEEN_MAP_PX = 128
 """of reflectors that are in the picture only within other reflectors"""
+SHRINKING = 0.9
+"""of maps' sides, as often as it takes for all to fit; those of the smallest size stay"""
 ASIDE_MAP_PX = 256
 """of cubes of flat reflectors, for what is not seen in their mirrored view"""
 
@@ -42,13 +55,15 @@ class Reflector:
     """for rays from other reflectors"""
     aside: ReflectionMap | None = None
     """where rays go on that leave the view of `seen`, and rays of light that what it shows is lit by"""
+    itself: ReflectionMap | None = None
+    """what the eye sees of it, for what of itself it shows; of reflectors that are not convex"""
     covered_px: tuple[int, int] = (0, 0)
     """of its bounds in the picture"""
 
     @property
     def maps(self) -> list[ReflectionMap]:
         """each once"""
-        return list({id(each): each for each in (self.seen, self.met, self.aside) if each is not None}.values())
+        return list({id(each): each for each in (self.seen, self.met, self.aside, self.itself) if each is not None}.values())
 
 
 def typical_value(value: MaterialInput) -> np.ndarray:
@@ -133,27 +148,31 @@ def _plan_reflector(
     if eye_is_inside(snapshot, corners):
         cube = cube_around_eye(snapshot, bounds, side_px)
         reason += "; the eye is inside, so its cube is around the eye"
-        return Reflector(name, own, True, reason, "mvr", cube, cube, cube, covered_px)
+        return Reflector(name, own, True, reason, "mvr", cube, cube, cube, None, covered_px)
     plane = flat_plane(snapshot, own)
     if plane is not None and not snapshot.camera.is_orthographic:
         view = mirrored_view(snapshot, bounds, own, plane)
         if view is not None:
             # what the mirrored view does not show: rays from other reflectors, and what lights the surfaces that it shows
             aside = cube_around(snapshot, bounds, own, min(side_px, ASIDE_MAP_PX))
-            return Reflector(name, own, True, f"{reason}; flat: one mirrored view", "planar", view, aside, aside, covered_px)
+            return Reflector(name, own, True, f"{reason}; flat: one mirrored view", "planar", view, aside, aside, None, covered_px)
     seen = cube_around(snapshot, bounds, own, side_px, nearer_to_eye=True)
     met = cube_around(snapshot, bounds, own, side_px) if bounces > 1 else None
-    return Reflector(name, own, True, reason, "mvr", seen, met, None, covered_px)
+    itself = None
+    if not (snapshot.camera.is_orthographic or is_convex_to_eye(snapshot, own)):
+        itself = eye_view(snapshot, bounds, own)
+        reason += "; not convex: a view of itself besides"
+    return Reflector(name, own, True, reason, "mvr", seen, met, None, itself, covered_px)
 
 
 def _within_memory(reflectors: list[Reflector], settings: Settings) -> list[Reflector]:
     """Smaller maps where all together would take more than the settings allow."""
-    total = sum(each.texel_count for reflector in reflectors for each in reflector.maps)
     budget = settings.reflection_map_mib * (1 << 20) // BYTES_PER_TEXEL
-    if total <= budget:
-        return reflectors
-    share = math.sqrt(budget / total)
-    return [_smaller(reflector, share) for reflector in reflectors]
+    fitting, share = reflectors, 1.0
+    while sum(each.texel_count for reflector in fitting for each in reflector.maps) > budget and share > 1 / MAX_MAP_PX:
+        share *= SHRINKING
+        fitting = [_smaller(reflector, share) for reflector in reflectors]
+    return fitting
 
 
 def _smaller(reflector: Reflector, share: float) -> Reflector:
@@ -164,9 +183,9 @@ def _smaller(reflector: Reflector, share: float) -> Reflector:
         return replace(drawn, width_px=size[0], height_px=size[1])
 
     smaller = {id(drawn): shrunk(drawn) for drawn in reflector.maps}
-    seen, met, aside = (smaller.get(id(drawn)) for drawn in (reflector.seen, reflector.met, reflector.aside))
-    reason = reflector.reason + "; smaller for all maps to fit into memory" * reflector.runs
-    return replace(reflector, seen=seen, met=met, aside=aside, reason=reason)
+    seen, met, aside, itself = (smaller.get(id(drawn)) for drawn in (reflector.seen, reflector.met, reflector.aside, reflector.itself))
+    reason = reflector.reason + "; smaller for all maps to fit into memory" * bool(smaller)
+    return replace(reflector, seen=seen, met=met, aside=aside, itself=itself, reason=reason)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,11 +205,12 @@ class PlannedReflections:
         return any(reflector.seen is not None for reflector in self.reflectors)
 
     def instance_maps(self, instance_count: int) -> np.ndarray:
-        """(instance_count, 4) float32: numbers of the maps `seen`, `met` and `aside`, -1: none"""
+        """(instance_count, 4) float32: numbers of the maps `seen`, `met`, `aside` and `itself`, -1: none"""
         numbers = {id(each): number for number, each in enumerate(self.maps)}
         rows = np.full((instance_count, 4), -1, np.float32)
         for reflector in self.reflectors:
             rows[reflector.instances, 0] = numbers.get(id(reflector.seen), -1)
             rows[reflector.instances, 1] = numbers.get(id(reflector.met), -1)
             rows[reflector.instances, 2] = numbers.get(id(reflector.aside), -1)
+            rows[reflector.instances, 3] = numbers.get(id(reflector.itself), -1)
         return rows

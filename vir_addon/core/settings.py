@@ -10,6 +10,7 @@ from .errors import UsageError
 MAX_TAPS = 128
 """of pcss, for each of its two searches: a table of all taps is 4 KiB"""
 
+MAX_REFLECTION_SAMPLES = 1024
 MAX_BOUNCES = 8
 """each keeps a G-buffer of what it met"""
 
@@ -137,6 +138,8 @@ class Settings:
     bounces: int | None = None
     """how often light is followed from reflector to reflector; None: as often as the scene calls for, at most twice"""
     reflection_look_up: ReflectionLookUp = ReflectionLookUp.MARCH
+    reflection_sample_count: int = 32
+    """rays of every pixel that shows a reflector, each at another place in the pixel and, on rough surfaces, in another direction"""
     reflection_map_mib: int = 256
     """memory for the maps of all reflectors; where they would take more they get smaller"""
     hardware: Hardware = Hardware.SOFTWARE
@@ -183,5 +186,7 @@ class Settings:
             raise UsageError(f"choose at least one effect: {', '.join(effect.value for effect in Effect)}")
         if self.bounces is not None and not 1 <= self.bounces <= MAX_BOUNCES:
             raise UsageError(f"reflections may bounce 1 to {MAX_BOUNCES} times, not {self.bounces}")
+        if not 1 <= self.reflection_sample_count <= MAX_REFLECTION_SAMPLES:
+            raise UsageError(f"reflections take 1 to {MAX_REFLECTION_SAMPLES} samples of a pixel, not {self.reflection_sample_count}")
         if self.reflection_map_mib < 1:
             raise UsageError("the maps of reflectors need at least 1 MiB")

@@ -33,7 +33,9 @@ NORMALS = "geometric normal (world space, towards where it is seen from) and pac
 SURFACES = "triangle number, weights of its second and third corner; of hits: what became of the ray"
 ORIGINS = "where the ray begins (world space) and number of the map that it is followed through, -1 where there is none"
 DIRECTIONS = "unit direction of the ray and how far along it nothing is met"
-THROUGHPUTS = "what the light that the ray finds is multiplied by, and the number of the map beside its first one, or -1"
+THROUGHPUTS = (
+    "what the light that the ray finds is multiplied by, and its second map: beside the first, -1 none, -2 and less the reflector itself"
+)
 SCATTERINGS = "radiance towards the eye for an irradiance of 1"
 RADIANCES = "light that the picture's reflections bring in this round, what they are multiplied by included"
 COLORS = "what reflected light is multiplied by at the first reflector, and whether the pixel shows one"
@@ -56,7 +58,7 @@ REFLECT = ComputeDeclaration(
         **SEEN,
         "corner_normals": Sampled("sampler2D", "three packed normals of every triangle of meshes that need them"),
         "instance_maps": Sampled(
-            "sampler2D", "of every instance: its maps for what the eye sees, for rays from others, and beside the first; -1: none"
+            "sampler2D", "of every instance: its maps for what the eye sees, for rays from others, beside the first and of itself; -1: none"
         ),
         **TILE_TEXTURES,
     },
