@@ -16,6 +16,7 @@ from tests.scenes import (
     rmse,
     snapshot,
 )
+from vir_addon.core.passes.accumulate import STATE_BACKGROUND, STATE_DARK, STATE_LIT
 from vir_addon.core.passes.tiles import PROBE_COUNT, PROBE_STEP_PX, probe_px
 from vir_addon.core.plan import plan
 from vir_addon.core.render import render
@@ -135,6 +136,22 @@ def test_what_only_few_samples_see_is_found_again(device, name):
     assert mapped_count >= least_mapped_count
     assert max(shares) > shares[-1]
     assert error <= 0.002
+
+
+def test_a_first_batch_settles_only_what_has_nothing_dark_nearby(device):
+    arguments = {"method": Method.MICRO, "view_count": 64, "map_resolution_px": 256, "resolve": Resolve.ADAPTIVE}
+    with prepared_renderer(scene_named("sphere"), device, **arguments) as renderer:
+        (work,) = renderer.works
+        device.run(renderer.render_batch, 0)
+        early = work.accumulator.tile_states
+        device.run(renderer.render_batch, 1)
+        settled = work.accumulator.tile_states
+    assert set(np.unique(early)) <= {0, STATE_LIT, STATE_BACKGROUND}
+    assert 0 < (early != 0).mean() < (settled != 0).mean()
+    np.testing.assert_array_equal(settled[early != 0], early[early != 0])
+    assert (settled == STATE_DARK).any()
+    for row, column in np.argwhere(settled == STATE_DARK):
+        assert not early[max(row - 2, 0) : row + 3, max(column - 2, 0) : column + 3].any()
 
 
 def test_it_is_on_unless_turned_off(device):
