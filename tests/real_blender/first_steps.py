@@ -140,6 +140,8 @@ def steps() -> Steps:
     bpy.ops.script.execute_preset(filepath=preset, menu_idname="VIR_PT_presets")
     assert bpy.context.scene.vir.view_count == 16
     yield from render()
+    scene = bpy.context.scene
+    scene.vir.active_light_index = scene.objects.find("Key")
     yield from screenshot("4_rendered")
     yield from undo()
     yield from compose()

@@ -1,0 +1,34 @@
+"""The manual's pictures out of the screenshots of a run.
+
+python -m tests.real_blender.pictures out/real_blender
+"""
+
+import sys
+from pathlib import Path
+
+from PIL import Image
+
+TARGET = Path(__file__).resolve().parent.parent.parent / "docs" / "images"
+PICTURES = {
+    "panel": ("first_steps/4_rendered", (330, 30, 1312, 905), 900),
+    "compositor": ("first_steps/7_compositor", (200, 160, 1030, 780), 640),
+    "tutorial_rendered": ("tutorial/1_rendered", (0, 30, 1312, 905), 900),
+    "tutorial_pass": ("tutorial/2_pass", (0, 30, 1312, 905), 720),
+    "tutorial_compositor": ("tutorial/3_compositor", (0, 30, 1312, 830), 900),
+    "tutorial_result": ("tutorial/picture", None, 640),
+}
+"""name -> screenshot, its part (left, top, right, bottom) in pixels, width in the manual"""
+COLOUR_COUNT = 96
+
+
+def main(folder: Path) -> None:
+    for name, (source, part, width_px) in PICTURES.items():
+        picture = Image.open(folder / f"{source}.png").convert("RGB").crop(part)
+        picture = picture.resize((width_px, round(picture.height * width_px / picture.width)), Image.LANCZOS)
+        target = TARGET / f"{name}.png"
+        picture.quantize(COLOUR_COUNT).save(target, optimize=True)
+        print(f"{target}: {target.stat().st_size >> 10} KiB")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
