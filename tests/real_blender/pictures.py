@@ -15,7 +15,8 @@ PICTURES = {
     "tutorial_rendered": ("tutorial/1_rendered", (0, 30, 1312, 905), 900),
     "tutorial_pass": ("tutorial/2_pass", (0, 30, 1312, 905), 720),
     "tutorial_compositor": ("tutorial/3_compositor", (0, 30, 1312, 830), 900),
-    "tutorial_result": ("tutorial/picture", None, 640),
+    "tutorial_before": ("tutorial/without", None, 440),
+    "tutorial_result": ("tutorial/picture", None, 440),
 }
 """name -> screenshot, its part (left, top, right, bottom) in pixels, width in the manual"""
 COLOUR_COUNT = 96

@@ -91,6 +91,13 @@ def steps() -> Steps:
     bpy.data.images["Render Result"].save_render(str(FOLDER / "picture.png"))
     picture = bpy.data.images.load(str(FOLDER / "picture.png"))
     pixels = np.array(picture.pixels[:]).reshape(-1, picture.channels)
+    tree = bpy.context.scene.compositing_node_group
+    output = next(node for node in tree.nodes if node.bl_idname == "NodeGroupOutput")
+    layers = next(node for node in tree.nodes if node.bl_idname == "CompositorNodeRLayers")
+    tree.links.new(layers.outputs["Image"], output.inputs["Image"])
+    bpy.context.scene.vir.use_on_render = False
+    bpy.ops.render.render()
+    bpy.data.images["Render Result"].save_render(str(FOLDER / "without.png"))
     assert (pixels[:, 2] > 1.3 * pixels[:, 0] + 0.02).mean() > 0.01, "no shadow is blue"
 
 
