@@ -36,6 +36,7 @@ def run(steps: Callable[[], Steps]) -> None:
             status = 0
         except BaseException:
             traceback.print_exc()
+            take_picture("failed")
             status = 1
         sys.stdout.flush()
         if status:
@@ -65,13 +66,19 @@ def screenshot(name: str) -> Steps:
     for _ in range(4):  # panels slide into their places, a step a redraw
         redraw()
         yield 0.5
+    target = take_picture(name)
+    assert target.stat().st_size > 10_000, f"{target} shows nothing"
+
+
+def take_picture(name: str) -> Path:
+    """Of the window as it is drawn now."""
     target = FOLDER / f"{name}.png"
     if command := os.environ.get("SCREENSHOT"):
         subprocess.run([*shlex.split(command), str(target)], check=True)
     else:
         with bpy.context.temp_override(**view()):
             bpy.ops.screen.screenshot(filepath=str(target))
-    assert target.stat().st_size > 10_000, f"{target} shows nothing"
+    return target
 
 
 def wait_until(condition: Callable[[], Any], what: str, seconds: float = 180.0) -> Steps:

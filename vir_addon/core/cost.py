@@ -13,7 +13,7 @@ import numpy as np
 
 from .bounds import SceneBounds
 from .reflectors import PlannedReflections
-from .scene import Light, LightShape, Mesh, SceneSnapshot
+from .scene import Light, LightShape, SceneSnapshot
 from .settings import Hardware, Method, PointStorage, Settings
 
 POINT_BYTES = 16
@@ -23,7 +23,6 @@ SMALL_PERIMETER_TEXELS = 12.0
 MAP_NS_PER_TEXEL = 60.0
 REFLECT_NS_PER_RAY = 500.0
 """of a software rasterizer; on a GPU neither was measured yet"""
-SAMPLED_TRIANGLES = 2048
 MAX_LAYERS = 16
 """surfaces one behind the other that large triangles are taken to fill the maps with"""
 POINTS_PER_TEXEL = 2.0
@@ -129,16 +128,6 @@ def filter_ms(snapshot: SceneSnapshot, settings: Settings, eye_sample_count: int
     return snapshot.width_px * snapshot.height_px * taps * RATES[settings.hardware].filter_tap * 1e-6
 
 
-def _sampled_sizes(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) areas (m^2) and (n,) perimeters (m) of a regular subset of the triangles, object space, by perimeter."""
-    step = max(1, mesh.triangle_count // SAMPLED_TRIANGLES)
-    a, b, c = np.moveaxis(mesh.positions_os[mesh.triangles[::step]].astype(np.float64), 1, 0)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    perimeter = sum(np.linalg.norm(d, axis=1) for d in (b - a, c - b, a - c))
-    order = np.argsort(perimeter)
-    return area[order], perimeter[order]
-
-
 def _small_shares(sizes: list[tuple[np.ndarray, np.ndarray]], mesh_index: np.ndarray, limit_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of each instance, (instance_count,): the share of its triangles, and of their area, with a perimeter of at most `limit_m`
     (instance_count,) object space. Means alone would call a column large whose capital is most of its triangles."""
@@ -176,7 +165,7 @@ def _estimate_instances(snapshot: SceneSnapshot, light: Light, settings: Setting
     instances = snapshot.instances
     mesh = instances.mesh_index
     casts = instances.casts_shadow if light.blockers is None else light.blockers
-    sizes = [_sampled_sizes(mesh) for mesh in snapshot.meshes]
+    sizes = [mesh.sampled_sizes for mesh in snapshot.meshes]
     statistics = np.array([[area.mean(), perimeter.mean()] for area, perimeter in sizes]).reshape(-1, 2)[mesh]
     is_cut_out = np.array([mesh.opacity_map is not None for mesh in snapshot.meshes], bool)[mesh]
     all_counts = np.array([mesh.triangle_count for mesh in snapshot.meshes])[mesh] * casts
