@@ -1,0 +1,144 @@
+"""The preview over the 3D viewport: on and off, a light moved, the view turned, undone, four views; slices of time are printed."""
+
+import importlib
+import statistics
+import sys
+import time
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).parent))
+
+import bpy
+import numpy as np
+from driver import FOLDER, MODULE, Steps, press, run, screenshot, show_panel, view, wait_until
+
+running = importlib.import_module(f"{MODULE}.vir_addon.blender.preview.running")
+slices_ms: list[float] = []
+
+
+def watch_slices() -> None:
+    serve = running._serve
+
+    def timed(*arguments) -> None:
+        start = time.perf_counter()
+        serve(*arguments)
+        slices_ms.append((time.perf_counter() - start) * 1e3)
+
+    running._serve = timed
+
+
+def build_scene() -> None:
+    """Blender's cube on a floor, under two lights."""
+    scene = bpy.context.scene
+    bpy.ops.mesh.primitive_plane_add(size=12, location=(0, 0, -1))
+    key = bpy.data.objects.new("Key", bpy.data.lights.new("Key", "AREA"))
+    key.location, key.rotation_euler = (3, -3, 4), (0.8, 0, 0.8)
+    scene.collection.objects.link(key)
+    scene.vir.view_count = 16
+    bpy.ops.object.select_all(action="DESELECT")
+    bpy.ops.ed.undo_push(message="scene")
+
+
+def shown() -> list:
+    return list(running._running.viewports.values())
+
+
+def finish(what: str) -> Steps:
+    """Until every viewport shows the whole picture of what it looks at."""
+    slices_ms.clear()
+    yield 0.5
+    yield from wait_until(lambda: shown() and not any(one.is_busy for one in shown()), what)
+    for one in shown():
+        print(f"{what}: {running.status_text(one)}")
+        assert not one.problem and one.preview.picture is not None
+    if slices_ms:
+        print(f"{what}: {len(slices_ms)} slices, median {statistics.median(slices_ms):.0f} ms, longest {max(slices_ms):.0f} ms", flush=True)
+
+
+def stopped() -> bool:
+    return not shown() and not bpy.app.timers.is_registered(running._tick)
+
+
+def viewport_pixels(name: str) -> np.ndarray:
+    """Of a screenshot, the part that the 3D viewport covers."""
+    picture = bpy.data.images.load(str(FOLDER / f"{name}.png"))
+    width, height = picture.size
+    pixels = np.empty(width * height * 4, np.float32)
+    picture.pixels.foreach_get(pixels)
+    bpy.data.images.remove(picture)
+    region = view()["region"]
+    return pixels.reshape(height, width, 4)[region.y : region.y + region.height, region.x : region.x + region.width]
+
+
+def steps() -> Steps:
+    # with it, pixels change for as long as nothing does
+    bpy.context.preferences.system.viewport_aa = "OFF"
+    build_scene()
+    scene, viewport = bpy.context.scene, view()
+    watch_slices()
+    yield from press("NUMPAD_0")  # through the camera
+    yield 1.0
+    yield from screenshot("1_off")
+    with bpy.context.temp_override(**viewport):
+        bpy.ops.vir.preview()
+    yield from finish("on")
+    yield from screenshot("2_on")
+    assert np.abs(viewport_pixels("2_on") - viewport_pixels("1_off")).max() > 0.1
+
+    with bpy.context.temp_override(**viewport):
+        bpy.ops.vir.preview()
+    yield from wait_until(stopped, "off")
+    yield from screenshot("3_off_again")
+    np.testing.assert_array_equal(viewport_pixels("3_off_again"), viewport_pixels("1_off"), "Blender draws something else than before")
+
+    scene.vir.preview_display, scene.vir.use_preview = "DIFFERENCE", True
+    yield from finish("on again")
+    bpy.data.objects["Key"].location.x = -3.0
+    bpy.data.objects["Key"].rotation_euler = (0.8, 0, -0.8)
+    yield from finish("light moved")
+    yield from screenshot("4_difference")
+
+    scene.vir.preview_display = "MULTIPLY"
+    yield from press("NUMPAD_6")
+    yield from finish("view turned")
+    yield from show_panel()
+    yield from finish("panel")
+    yield from screenshot("5_view_turned")
+
+    bpy.data.objects["Cube"].location.x = 1.5
+    bpy.ops.ed.undo_push(message="cube")
+    yield from finish("object moved")
+    with bpy.context.temp_override(**view()):
+        bpy.ops.ed.undo()
+    yield from finish("undone")
+    assert bpy.data.objects["Cube"].location.x == 0.0
+
+    with bpy.context.temp_override(**view()):
+        bpy.ops.screen.region_quadview()
+    yield 1.0
+    yield from finish("four views")
+    assert len(shown()) == 4
+    yield from screenshot("6_four_views")
+    with bpy.context.temp_override(**view()):
+        bpy.ops.screen.region_quadview()
+    yield 1.0
+    yield from wait_until(lambda: len(shown()) == 1, "one view")
+
+    bpy.data.objects.remove(bpy.data.objects["Key"])
+    bpy.data.objects["Light"].hide_render = True
+    yield from wait_until(lambda: any("no light" in one.problem for one in shown()), "no light")
+    yield from screenshot("7_no_light")
+    bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "preview.blend"))
+    bpy.data.objects["Light"].hide_render = False
+    yield from finish("after saving")
+
+    other = bpy.data.scenes.new("Other")
+    bpy.context.window_manager.windows[0].scene = other
+    yield from wait_until(stopped, "another scene")
+    bpy.context.window_manager.windows[0].scene = scene
+    yield from finish("back")
+    view()["area"].type = "TEXT_EDITOR"
+    yield from wait_until(stopped, "no viewport")
+
+
+run(steps)
