@@ -244,3 +244,33 @@ def test_undo_takes_the_passes_back(room):
     assert not scene_images(bpy.context.scene.name)
     bpy.ops.ed.redo()
     assert pixels_of(scene_images(bpy.context.scene.name)["VIR Shadow Key"]).min() < 0.5
+
+
+def test_reflections_are_passes_in_colour(room):
+    mirror = bpy.data.objects["Cube"]
+    material = bpy.data.materials.new("Mirror")
+    material.use_nodes = True
+    shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    shader.inputs["Metallic"].default_value, shader.inputs["Roughness"].default_value = 1.0, 0.0
+    shader.inputs["Base Color"].default_value = (1.0, 0.5, 0.2, 1.0)
+    mirror.data.materials.append(material)
+    room.vir.use_reflections = True
+    assert bpy.ops.vir.render() == {"FINISHED"}
+    runs, how = frame_state.state_of(room).reflectors["Cube"]
+    assert runs and how
+    images = scene_images(room.name)
+    colour = pixels_of(images["VIR Reflection Color"]).reshape(27, 48, -1)[..., :3]
+    assert {"VIR Reflection", "VIR Shadow Key"} <= set(images) and colour[..., 0].max() > 1.5 * colour[..., 2].max() > 0
+    bpy.ops.vir.add_to_compositor()
+    assert bpy.ops.vir.open_report() == {"FINISHED"}
+    mirror.vir.reflector = "NEVER"
+    bpy.ops.vir.plan()
+    assert not any(runs for runs, _ in frame_state.state_of(room).reflectors.values())
+
+
+def test_reflections_alone_leave_shadows_out(room):
+    room.vir.use_soft_shadows = room.vir.use_omni_shadows = False
+    room.vir.use_reflections = True
+    bpy.data.objects["Cube"].vir.reflector = "ALWAYS"
+    bpy.ops.vir.render()
+    assert set(scene_images(room.name)) == {"VIR Reflection", "VIR Reflection Color"}
