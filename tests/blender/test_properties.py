@@ -11,7 +11,7 @@ from vir_addon.blender import properties  # noqa: E402
 from vir_addon.core.errors import UsageError  # noqa: E402
 from vir_addon.core.plan import plan  # noqa: E402
 from vir_addon.core.quality import map_resolution_of_views, quality_of_views, views_of_quality  # noqa: E402
-from vir_addon.core.settings import Method, Settings  # noqa: E402
+from vir_addon.core.settings import Method, PointGeneration, PointStorage, Resolve, Settings  # noqa: E402
 
 
 @pytest.fixture
@@ -60,10 +60,10 @@ def test_every_setting_of_the_core_can_be_set(registered):
 
 
 def test_the_panel_offers_what_the_core_has(registered):
-    for name, kind in (("method", Method), ("device", None)):
-        offered = [item.identifier for item in registered.vir.bl_rna.properties[name].enum_items]
-        assert kind is None or offered[0] == "AUTO"
-        assert kind is None or {choice.value.upper() for choice in kind} == set(offered)
+    kinds = {"method": Method, "points": PointStorage, "point_generation": PointGeneration, "resolve": Resolve}
+    for name, kind in kinds.items():
+        offered = {item.identifier for item in registered.vir.bl_rna.properties[name].enum_items}
+        assert {choice.value.upper() for choice in kind} == offered
 
 
 def test_every_property_says_what_it_does(registered):

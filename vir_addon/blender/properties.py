@@ -46,7 +46,7 @@ _POINT_GENERATIONS = (
     (PointGeneration.RASTERIZER, "Rasterizer", "Geometry shader and rasterizer, as published. Not with the device Blender", 1),
 )
 _RESOLVES = (
-    (Resolve.AUTO, "Auto", "Full on a GPU, adaptive on a software rasterizer: whichever is faster", 2),
+    (Resolve.AUTO, "Automatic", "Full on a GPU, adaptive on a software rasterizer: whichever is faster", 2),
     (Resolve.ADAPTIVE, "Adaptive", "Parts of the picture that are wholly lit or dark are only probed. Error below 0.002", 0),
     (Resolve.FULL, "Full", "Every pixel is looked up in every view", 1),
 )
