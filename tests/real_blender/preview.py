@@ -99,7 +99,10 @@ def steps() -> Steps:
     yield from screenshot("4_difference")
 
     scene.vir.preview_display = "MULTIPLY"
+    before = shown()[0].view
     yield from press("NUMPAD_6")
+    yield from wait_until(lambda: shown()[0].view is not before, "a key turns the view")
+    yield 1.0  # it turns smoothly
     yield from finish("view turned")
     yield from show_panel()
     yield from finish("panel")
