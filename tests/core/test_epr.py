@@ -250,7 +250,7 @@ def test_pixels_of_the_eye_are_no_wider_than_they_are(is_orthographic):
 
 @pytest.mark.parametrize("light", [sun_light("Other"), area_light("Other")])
 def test_other_lights_are_refused_with_what_can(light):
-    with pytest.raises(UsageError, match=r"'Other'.*--method ivir"):
+    with pytest.raises(UsageError, match=r"'Other'.*the method ivir"):
         plan(lit_by(light), Settings(method=Method.EPR))
 
 

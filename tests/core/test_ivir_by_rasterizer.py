@@ -33,7 +33,7 @@ def lit_leaves(*lights):
 @pytest.fixture
 def rasterizing_device(device):
     if not device.stores_from_geometry:
-        with pytest.raises(UsageError, match=r"geometry shaders.*--device moderngl.*--point-generation compute"):
+        with pytest.raises(UsageError, match=r"geometry shaders.*the device moderngl.*the point generation compute"):
             check_device(plan(lit_leaves(), Settings(method=Method.IVIR, point_generation=RASTERIZER)), device)
         pytest.skip("no geometry shaders")
     return device
@@ -83,7 +83,7 @@ def test_portions_make_the_same_picture(rasterizing_device):
 
 def test_a_device_without_geometry_shaders_is_refused_before_any_work():
     device = types.SimpleNamespace(name="gpu", stores_from_fragments=False, stores_from_geometry=False, max_texture_size_px=16384)
-    with pytest.raises(UsageError, match=r"geometry shaders.*--device moderngl.*--point-generation compute"):
+    with pytest.raises(UsageError, match=r"geometry shaders.*the device moderngl.*the point generation compute"):
         check_device(plan(lit_leaves(), Settings(method=Method.IVIR, point_generation=RASTERIZER)), device)
     check_device(plan(lit_leaves(), Settings(method=Method.IVIR)), device)
 

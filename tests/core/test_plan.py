@@ -236,7 +236,7 @@ def test_maps_larger_than_the_device_allows_are_refused_with_the_largest_that_wo
     scene = scene_with(area_light())
     monkeypatch.setattr(device, "max_texture_size_px", 4096)
     monkeypatch.setattr(device, "create_texture", None)
-    with pytest.raises(UsageError, match=r"2048 px is 16384 px high.*4096 px.*--map-resolution 512"):
+    with pytest.raises(UsageError, match=r"2048 px is 16384 px high.*4096 px.*a map resolution of 512"):
         render_passes(scene, device, map_resolution_px=2048, view_count=64)
     monkeypatch.undo()
     monkeypatch.setattr(device, "max_texture_size_px", 4096)

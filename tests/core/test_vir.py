@@ -62,7 +62,7 @@ def lit_by(light):
 
 
 def test_what_it_cannot_do_is_refused_with_what_can():
-    with pytest.raises(UsageError, match=r"parallel.*--method ivir"):
+    with pytest.raises(UsageError, match=r"parallel.*the method ivir"):
         plan(lit_by(sun_light()), Settings(method=Method.VIR))
     with pytest.raises(UsageError, match=r"vir, which compares neighbours.*ivir"):
         Settings(method=Method.VIR, points=PointStorage.BUFFERLESS)

@@ -120,7 +120,7 @@ def test_a_source_view_in_many_parts_makes_the_same_picture(device, monkeypatch)
 
 @pytest.mark.parametrize("light", [sun_light("Other"), point_light("Other"), spot_light("Other")])
 def test_other_lights_are_refused_with_what_can(light):
-    with pytest.raises(UsageError, match=r"'Other'.*--method ivir"):
+    with pytest.raises(UsageError, match=r"'Other'.*the method ivir"):
         plan(lit_by(light), Settings(method=Method.VWSS))
 
 

@@ -281,7 +281,7 @@ def test_a_depth_fill_forgets_what_was_near(device):
 def test_strips_are_made_of_numbers(device, canvas, column_count):
     """By a geometry shader, which counts them, and so do the fragments."""
     if not device.stores_from_geometry:
-        with pytest.raises(DeviceError, match=r"test_columns.*--device moderngl"):
+        with pytest.raises(DeviceError, match=r"test_columns.*the device moderngl"):
             device.geometry_kernel(COLUMNS)
         return
     canvas([Draw(mesh(device, TWO_DEPTHS[3:]), 1, {"first_instance": 99})])

@@ -180,10 +180,10 @@ def test_hybrid_depth_maps_agree(renderers, storage):
 def test_what_a_device_lacks_is_refused_before_any_work(snapshot, both, monkeypatch):
     _, blender_device = both
     monkeypatch.setattr(blender_device, "create_texture", None)
-    with pytest.raises(UsageError, match=r"vwss.*gpu.*--device moderngl"):
+    with pytest.raises(UsageError, match=r"vwss.*gpu.*the device moderngl"):
         render_pass(snapshot, blender_device, method=Method.VWSS, view_count=8, map_resolution_px=128)
     by_rasterizer = {"method": Method.IVIR, "point_generation": PointGeneration.RASTERIZER}
-    with pytest.raises(UsageError, match=r"geometry shaders.*gpu.*--device moderngl, or --point-generation compute"):
+    with pytest.raises(UsageError, match=r"geometry shaders.*gpu.*the device moderngl, or the point generation compute"):
         render_pass(snapshot, blender_device, **by_rasterizer, view_count=8, map_resolution_px=128)
 
 

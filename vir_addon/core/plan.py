@@ -190,12 +190,12 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
     running = [*(planned for planned in render_plan.passes if planned.runs), *render_plan.reflected_lights]
     if not device.stores_from_fragments and any(planned.method is Method.VWSS for planned in running):
         raise UsageError(
-            f"vwss stores what the rasterizer makes, which the device {device.name} cannot: use --device moderngl, or --method ivir"
+            f"vwss stores what the rasterizer makes, which the device {device.name} cannot: choose the device moderngl, or the method ivir"
         )
     if not device.stores_from_geometry and any(planned.point_generation is PointGeneration.RASTERIZER for planned in running):
         raise UsageError(
             f"points by the rasterizer need geometry shaders that store, and the device {device.name} has none: "
-            "use --device moderngl, or --point-generation compute"
+            "choose the device moderngl, or the point generation compute"
         )
     most_views = max((planned.view_count for planned in running), default=0)
     resolution_px, limit_px = render_plan.settings.map_resolution_px, device.max_texture_size_px
@@ -210,7 +210,7 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
         )
         raise UsageError(
             f"a batch of maps of {resolution_px} px is {height_px} px high, and the device's largest texture {limit_px} px: "
-            f"use --map-resolution {fitting_px} or less"
+            f"choose a map resolution of {fitting_px} or less"
         )
 
 
@@ -322,18 +322,18 @@ def _refuse_what_the_method_cannot_do(light: Light, settings: Settings) -> None:
     """UsageError with the nearest thing that works."""
     if settings.method is Method.VWSS and not light.shape.is_area:
         raise UsageError(
-            f"vwss warps the view of an area light, and {light.name!r} is a {light.shape.value}: use --method ivir, or leave the light out "
-            "with --lights"
+            f"vwss warps the view of an area light, and {light.name!r} is a {light.shape.value}: choose the "
+            "method ivir, or leave the light out"
         )
     if settings.method is Method.EPR and not light.shape.is_omni:
         raise UsageError(
-            f"epr makes the shadows of lights that shine to all sides, and {light.name!r} is a {light.shape.value}: use --method ivir, "
-            "or leave the light out with --lights"
+            f"epr makes the shadows of lights that shine to all sides, and {light.name!r} is a {light.shape.value}: choose the "
+            "method ivir, or leave the light out"
         )
     if settings.method is Method.VIR and light.shape is LightShape.SUN:
         raise UsageError(
-            f"vir samples at the rate of perspective views, and those of the sun {light.name!r} are parallel: use --method ivir, "
-            "or leave the light out with --lights"
+            f"vir samples at the rate of perspective views, and those of the sun {light.name!r} are parallel: choose the method ivir, "
+            "or leave the light out"
         )
 
 

@@ -311,7 +311,7 @@ class BlenderGpuDevice(Device):
         return self._kernel(BlenderRasterKernel, declaration, flags)
 
     def geometry_kernel(self, declaration: GeometryDeclaration, *flags: str) -> GeometryKernel:
-        raise DeviceError(f"kernel {declaration.name}: Blender's gpu module has no geometry shaders; use --device moderngl")
+        raise DeviceError(f"kernel {declaration.name}: Blender's gpu module has no geometry shaders; choose the device moderngl")
 
     def create_texture(self, width: int, height: int, texture_format: TextureFormat) -> Texture:
         return self.run(BlenderTexture, self, width, height, texture_format)
