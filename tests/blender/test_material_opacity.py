@@ -446,3 +446,15 @@ def test_smooth_normals_and_dropped_triangles_keep_their_corners(add, take):
     assert mesh.triangle_count == 2
     np.testing.assert_allclose(mesh.uvs, mesh.positions_os[:, :2] - [2, 0])
     np.testing.assert_allclose(mesh.point_normals_os, [(0, 0, 1)] * 6)
+
+
+@pytest.mark.parametrize(("color_space", "share"), [("sRGB", 0.25), ("Non-Color", 0.5)])
+def test_only_colours_are_multiplied_with_their_alpha(add, take, color_space, share):
+    """Gray of 0.5 with an alpha of 0.5, whose colour alone is asked for: Cycles and EEVEE leave data as it is."""
+    nodes = Nodes()
+    texture = nodes.texture(image_of(np.full((2, 2, 4), 0.5), color_space=color_space, alpha_mode="STRAIGHT"))
+    mixed(nodes, texture.outputs["Color"], "BsdfTransparent", "BsdfDiffuse")
+    square(add, nodes)
+    mesh = only_mesh(take())
+    expected = linear(np.array(share)) if color_space == "sRGB" else share
+    np.testing.assert_allclose(opacities(mesh), expected, atol=3e-3)

@@ -332,3 +332,24 @@ def test_computed_textures_as_in_cycles(device, scene, add, look):
     ours, truth = our_radiance(device, snapshot, len(materials), away), cycles_radiance(scene, len(materials), 16)
     assert (np.ptp(truth, axis=1).max(axis=1) > 0.05).sum() >= 3  # fields of both colours, and a gradient
     np.testing.assert_allclose(ours, truth, atol=3e-3)
+
+
+def with_alpha(mode, color_space, *, uses_alpha):
+    """Its colours shine, by their alpha where that is used as well."""
+    rgba = np.random.default_rng(4).uniform(0.2, 1, (2, 2, 4)).astype(np.float32)
+    nodes = Nodes(f"{mode} {color_space} {uses_alpha}")
+    texture, emission = nodes.texture(image_of(rgba, f"{mode} {color_space}", color_space=color_space, alpha_mode=mode)), nodes("Emission")
+    nodes.link(texture.outputs["Color"], emission.inputs["Color"])
+    if uses_alpha:
+        nodes.link(texture.outputs["Alpha"], emission.inputs["Strength"])
+    nodes.link(emission.outputs[0], nodes.output.inputs["Surface"])
+    return nodes.material
+
+
+@pytest.mark.parametrize("color_space", ["sRGB", "Non-Color"])
+def test_images_with_alpha_as_in_cycles(device, scene, add, look, color_space):
+    modes = ("STRAIGHT", "PREMUL", "CHANNEL_PACKED", "NONE")
+    materials = [with_alpha(mode, color_space, uses_alpha=uses_alpha) for mode in modes for uses_alpha in (False, True)]
+    away = rows_of_squares(add, materials)
+    ours, truth = our_radiance(device, look(), len(materials), away), cycles_radiance(scene, len(materials), 16)
+    np.testing.assert_allclose(ours, truth, rtol=0.01)

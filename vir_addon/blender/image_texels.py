@@ -94,6 +94,9 @@ def read_colors(image: bpy.types.Image, max_side_px: int, max_bytes: int) -> tup
     is_packed = image.alpha_mode == "CHANNEL_PACKED" or image.colorspace_settings.is_data
     if has_alpha and not is_packed and image.alpha_mode == "STRAIGHT":
         pixels[..., :-1] *= pixels[..., -1:]
+        if not image.is_float:
+            # Cycles rounds products of bytes down, which shows where little is left
+            pixels[..., :-1] = np.floor(pixels[..., :-1] * np.float32(255) + np.float32(1e-3)) / np.float32(255)
     is_gray = channel_count < 3 or _is_gray(pixels[..., :3])
     bytes_per_px = 16 if image.is_float else 8 if has_alpha and not is_packed else 2 if is_gray else 4
     max_side_px = min(max_side_px, int(max(width, height) * (max_bytes / (bytes_per_px * width * height)) ** 0.5))

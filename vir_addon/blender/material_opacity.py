@@ -259,8 +259,9 @@ def _color_ramp(node: bpy.types.Node, place: _Scalar, *, is_alpha: bool) -> _Sca
 
 def _texture(node: bpy.types.Node, here: NodeInput, channel: Channel) -> _Texture:
     check_image_node(node)
-    # Cycles and EEVEE hand out colours multiplied with alpha where only the colour is asked for
-    if channel is Channel.GRAY and not node.outputs["Alpha"].is_linked and node.image.alpha_mode == "STRAIGHT":
+    # Cycles and EEVEE hand out colours multiplied with alpha where only the colour is asked for, but leave data alone
+    is_color = node.image.alpha_mode == "STRAIGHT" and not node.image.colorspace_settings.is_data
+    if channel is Channel.GRAY and not node.outputs["Alpha"].is_linked and is_color:
         channel = Channel.GRAY_TIMES_ALPHA
     uv_map, uv_rows = read_uv(here.of(node, "Vector"))
     return _Texture(node.image, channel, EXTENSIONS[node.extension], node.interpolation != "Closest", uv_map, uv_rows)
