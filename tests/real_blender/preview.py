@@ -108,6 +108,7 @@ def steps() -> Steps:
     yield from finish("panel")
     yield from screenshot("5_view_turned")
 
+    bpy.ops.ed.undo_push(message="preview")
     bpy.data.objects["Cube"].location.x = 1.5
     bpy.ops.ed.undo_push(message="cube")
     yield from finish("object moved")

@@ -14,6 +14,7 @@ class VIR_OT_preview(bpy.types.Operator):
 
     bl_idname = "vir.preview"
     bl_label = "Preview Passes"
+    bl_options = {"UNDO"}  # a step of its own: undoing what was done before it would turn the switch as well
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
