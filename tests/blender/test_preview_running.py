@@ -8,6 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from vir_addon import blender  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.blender import frame_state  # noqa: E402
 from vir_addon.blender.preview import running  # noqa: E402
 
 
@@ -192,6 +193,20 @@ def test_a_lost_device_is_said_and_nothing_is_tried_again(scene, viewport, monke
     viewport.draw()
     assert "the GPU is gone" in viewport.texts[-1]
     assert "the GPU is gone" in capsys.readouterr().err
+
+
+def test_it_waits_while_passes_are_rendered(scene, viewport, monkeypatch):
+    switch_on(scene, viewport)
+    (shown,) = running._running.viewports.values()
+    bpy.data.objects["Key"].location.x = 3.0
+    bpy.context.view_layer.update()
+    with monkeypatch.context() as patch:
+        patch.setattr(frame_state.state_of(scene), "running", object())
+        assert tick() == running.IDLE_S
+        assert shown.is_busy
+    tick()
+    tick_until_idle()
+    assert not shown.is_busy
 
 
 def test_a_viewport_that_is_closed(scene, viewport, monkeypatch):

@@ -56,6 +56,11 @@ def state_of(scene: bpy.types.Scene) -> SceneState:
     return _states.setdefault(scene.session_uid, SceneState())
 
 
+def is_rendering() -> bool:
+    """Whether passes of any scene are."""
+    return any(state.running is not None for state in _states.values())
+
+
 def forget_running(render: SteppedRender) -> None:
     """The render has ended, or nobody waits for it any more; its scene may be gone."""
     for state in _states.values():

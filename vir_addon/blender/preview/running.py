@@ -19,6 +19,7 @@ import numpy as np
 from ...core.errors import VirError
 from ...core.settings import Settings
 from .. import devices
+from ..frame_state import is_rendering
 from ..mesh_cache import MeshCache
 from ..properties import settings_of
 from ..render_depsgraph import is_evaluating
@@ -241,7 +242,7 @@ def _serve_next() -> float:
     regions = _viewport_regions()
     for address in [address for address in _running.viewports if address not in regions]:
         _forget(address)
-    if bpy.app.is_job_running("RENDER") or is_evaluating():
+    if bpy.app.is_job_running("RENDER") or is_evaluating() or is_rendering():
         return IDLE_S
     addresses = list(_running.viewports)
     busy = [address for address in addresses if _running.viewports[address].is_busy]
