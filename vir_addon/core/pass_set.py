@@ -127,8 +127,8 @@ class ReflectionStatistics:
     map_count: int = 0
     map_texel_count: int = 0
     """of all levels"""
-    reflectors: dict[str, str] = field(default_factory=dict)
-    """name -> how it is drawn and why, or why not"""
+    reflectors: list[str] = field(default_factory=list)
+    """one sentence each: name, how it is drawn and why, or why not"""
     ray_count: int = 0
     """rays of an eye sample's first bounce"""
     found_share: float = 0.0

@@ -55,6 +55,7 @@ class ReflectionWork:
         width, height = self.size = eye.size
         parts = range(plan.eye_samples_per_batch)
         self.round_count = 0
+        self._is_counted = False
         self.tiles_shown = np.zeros(grid_shape(width, height), bool)
         """(rows, columns) of the picture that show a reflector"""
         points = unit_square_points(plan.batch_count * len(parts) * planned.bounces, stable_seed("reflection"))
@@ -68,7 +69,7 @@ class ReflectionWork:
             bounces=planned.bounces,
             map_count=len(planned.maps),
             map_texel_count=sum(each.texel_count for each in planned.maps),
-            reflectors={each.name: f"{each.method_text} {each.reason}".strip() for each in planned.reflectors},
+            reflectors=[f"{each.name}: {' '.join(filter(None, [each.method_text, each.reason]))}" for each in planned.reflectors],
         )
         zeros = np.zeros((height, width, 4), np.float32)
         with Owned() as owned:
@@ -160,6 +161,8 @@ class ReflectionWork:
                 radiances=self.radiances[part],
                 bounce=bounce,
             )
+            if not self._is_counted:
+                self._count_found()
             if self.has_surroundings:
                 self._walk(
                     self.device.compute_kernel(LIGHT_BY_SURROUNDINGS, *flags),
@@ -180,16 +183,17 @@ class ReflectionWork:
         width, height = self.size
         self.tiles.dispatch(kernel, width=width, height=height, **bindings)
 
-    def count_found(self) -> None:
-        """What became of the rays of the last bounce that were followed, of one eye sample."""
+    def _count_found(self) -> None:
+        """What became of the first rays, those of one eye sample."""
+        self._is_counted = True
         found = self.device.read(self.surfaces)[..., 3].astype(np.int64)
         shown = found[self.tiles_shown.repeat(TILE_PX, axis=0).repeat(TILE_PX, axis=1)[: found.shape[0], : found.shape[1]]]
         counts = np.bincount(shown, minlength=5)
         ray_count = int(counts.sum() - counts[NO_RAY])
         self.statistics.ray_count = ray_count
-        self.statistics.found_share = counts[REFLECTED_SURFACE] / max(ray_count, 1)
-        self.statistics.by_direction_share = counts[REFLECTED_BY_DIRECTION] / max(ray_count, 1)
-        self.statistics.left_share = (counts[REFLECTED_NOTHING] + counts[REFLECTED_OUT_OF_VIEW]) / max(ray_count, 1)
+        self.statistics.found_share = float(counts[REFLECTED_SURFACE] / max(ray_count, 1))
+        self.statistics.by_direction_share = float(counts[REFLECTED_BY_DIRECTION] / max(ray_count, 1))
+        self.statistics.left_share = float((counts[REFLECTED_NOTHING] + counts[REFLECTED_OUT_OF_VIEW]) / max(ray_count, 1))
 
     @property
     def all_hits(self) -> Iterator[Hits]:

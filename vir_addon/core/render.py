@@ -245,7 +245,6 @@ class Renderer:
         has_passes = any(planned.runs for planned in self.plan.passes)
         all_positions, all_normals = [positions] * has_passes, [normals] * has_passes
         with self.stopwatch.stage("read-back"):
-            reflections.count_found()
             for hits in reflections.hits[0]:
                 all_positions.append(self.device.read(hits.buffer.positions))
                 all_normals.append(self.device.read(hits.buffer.normals))
