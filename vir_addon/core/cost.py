@@ -21,7 +21,8 @@ MICRO_BYTES_PER_TRIANGLE = 48
 SMALL_PERIMETER_TEXELS = 12.0
 """around what micro-triangle rasterization calls small (core/passes/small_triangles.py)"""
 MAP_NS_PER_TEXEL = 60.0
-REFLECT_NS_PER_RAY = 500.0
+LOOK_UPS_PER_RAY = 700.0
+"""A reflected ray, and the one that the world lights its hit along, took about ten microseconds on a software rasterizer."""
 """of a software rasterizer; on a GPU neither was measured yet"""
 MAX_LAYERS = 16
 """surfaces one behind the other that large triangles are taken to fill the maps with"""
@@ -115,7 +116,7 @@ def reflections_ms(snapshot: SceneSnapshot, settings: Settings, planned: Planned
     texels = sum(each.texel_count for each in planned.maps)
     rays = round_count * planned.bounces * sum(math.prod(reflector.covered_px) for reflector in planned.reflectors)
     triangles_ns = faces * snapshot.instanced_triangle_count * RATES[settings.hardware].raster_triangle
-    return (triangles_ns + texels * MAP_NS_PER_TEXEL + rays * REFLECT_NS_PER_RAY) * 1e-6
+    return (triangles_ns + texels * MAP_NS_PER_TEXEL + rays * LOOK_UPS_PER_RAY * RATES[settings.hardware].look_up) * 1e-6
 
 
 def resolve_ms(snapshot: SceneSnapshot, settings: Settings, view_count: int) -> float:
