@@ -63,11 +63,16 @@ class CyclesReference:
     """Shadowed over unshadowed irradiance of the scene's one light, and where it can be judged. Row 0 at the bottom."""
 
     def __init__(self, scene: bpy.types.Scene, samples: int) -> None:
-        """Half of the samples each with another seed: what the halves differ by tells the noise."""
-        self.unshadowed = render(scene, max(64, samples // 4), seed=1, has_shadows=False)[0]
+        """Half of the samples each with another seed: what the halves differ by tells the noise.
+
+        The unshadowed picture takes the same samples as the shadowed one. With others an outline's pixel would divide what one picture
+        happens to see of a bright surface by what the other happens to see of it.
+        """
+        halves = [[render(scene, samples // 2, seed, has_shadows=has_shadows)[0] for has_shadows in (True, False)] for seed in (2, 3)]
+        shadowed, self.unshadowed = np.mean(halves, axis=0)
         self.judged = self.unshadowed > DELIVERED_FLOOR * np.percentile(self.unshadowed[self.unshadowed > 0], 95)
-        first, second = (self.ratio_of(render(scene, samples // 2, seed)[0]) for seed in (2, 3))
-        self.ratio = (first + second) / 2
+        self.ratio = self.ratio_of(shadowed, self.unshadowed)
+        first, second = (self.ratio_of(*half) for half in halves)
         self.noise = _rms((first - second)[self.judged].astype(np.float64)) / 2
         """RMS of the ratio's standard error over judged pixels"""
         # where brightly and dimly lit surfaces share a pixel, what counts is how finely the eye samples it, whatever the light
@@ -75,14 +80,16 @@ class CyclesReference:
         self.off_outlines = self.judged & even
         self.penumbra = self.judged & (self.ratio > 0.02) & (self.ratio < 0.98)
 
-    def ratio_of(self, shadowed: np.ndarray) -> np.ndarray:
-        return np.where(self.judged, np.clip(shadowed / np.maximum(self.unshadowed, 1e-12), 0, 1), 1)
+    def ratio_of(self, shadowed: np.ndarray, unshadowed: np.ndarray) -> np.ndarray:
+        return np.where(self.judged, np.clip(shadowed / np.maximum(unshadowed, 1e-12), 0, 1), 1)
 
     def errors(self, image: np.ndarray) -> dict[str, float]:
-        """RMSE over the judged pixels, over those off outlines of things and over those in a penumbra."""
+        """RMSE over the judged pixels, over those off outlines of things and over those in a penumbra; and over the judged pixels each
+        counting as much as it receives, which is what is seen of the error once the pass is multiplied with a picture."""
         error = image.astype(np.float64) - self.ratio
         regions = {"rmse": self.judged, "rmse_off_outlines": self.off_outlines, "rmse_penumbra": self.penumbra}
-        return {name: _rms(error[region]) for name, region in regions.items()}
+        received = np.minimum(self.unshadowed / np.percentile(self.unshadowed[self.judged], 95), 1)
+        return {name: _rms(error[region]) for name, region in regions.items()} | {"rmse_received": _rms((error * received)[self.judged])}
 
 
 def _rms(values: np.ndarray) -> float:

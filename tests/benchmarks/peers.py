@@ -84,7 +84,8 @@ class Contest:
             self.scene.cycles.use_denoising = name == DENOISED
             for samples in sample_counts:
                 image, seconds, cpu_seconds = cycles.render(self.scene, samples, seed=4)
-                self.add(name, samples, self.reference.ratio_of(image), seconds, cpu_seconds)
+                unshadowed = cycles.render(self.scene, samples, seed=4, has_shadows=False)[0]
+                self.add(name, samples, self.reference.ratio_of(image, unshadowed), seconds, cpu_seconds)
         self.scene.cycles.use_denoising = False
 
     def measure_eevee(self, sample_counts: tuple[int, ...]) -> None:
@@ -215,10 +216,11 @@ def run_contest(name: str, scene: bpy.types.Scene, options: Options) -> list[Ben
         title=f"Error against time: {title}",
         compared=(
             f"RMSE of the shadow ratio against Cycles with {reference_samples} samples, whose own noise is {noise:.4f}, over pixels that "
-            f"receive more than {cycles.DELIVERED_FLOOR:.0%} of what the brightest receive, and over those in a penumbra. Seconds, waited "
-            "and of all processors: VIR from the open scene to the written EXR with shaders compiled, maps of 1024²; Cycles and EEVEE "
-            "`render.render` of the shadowed picture into an EXR, to be divided by an unshadowed one that is not counted. Each point is "
-            "measured once, one renderer after the other, without turns. White diffuse, no bounces, "
+            f"receive more than {cycles.DELIVERED_FLOOR:.0%} of what the brightest receive, and over those in a penumbra; 'by light "
+            "received': each pixel's error times its share of what the brightest receive, as it shows in a picture. Seconds, waited and of "
+            "all processors: VIR from the open scene to the written EXR with shaders compiled, maps of 1024²; Cycles and EEVEE "
+            "`render.render` of the shadowed picture into an EXR, divided by an unshadowed one of the same samples, not counted. Each point "
+            "is measured once, one renderer after the other, without turns. White diffuse, no bounces, "
             "no world; Cycles on the CPU, denoised by OpenImageDenoise with albedo and normals; EEVEE with jittered shadows, 4 rays of 16 "
             "steps a sample, divided by its own unshadowed picture. Cycles and EEVEE render one light's contribution; VIR makes a pass "
             f"of it.{notes}"
@@ -230,6 +232,7 @@ def run_contest(name: str, scene: bpy.types.Scene, options: Options) -> list[Ben
             Column("cpu_seconds", "processors, s", "{:.2f}"),
             Column("rmse", "RMSE", "{:.4f}"),
             Column("rmse_penumbra", "in the penumbra", "{:.4f}"),
+            Column("rmse_received", "by light received", "{:.4f}"),
         ),
         rows=contest.rows,
     )
