@@ -99,11 +99,12 @@ def steps() -> Steps:
     yield from screenshot("4_difference")
 
     scene.vir.preview_display = "MULTIPLY"
-    before = shown()[0].view
-    yield from press("NUMPAD_6")
-    yield from wait_until(lambda: shown()[0].view is not before, "a key turns the view")
-    yield 1.0  # it turns smoothly
-    yield from finish("view turned")
+    for key in ("NUMPAD_0", "NUMPAD_6"):  # out of the camera; to the right
+        before = shown()[0].view
+        yield from press(key)
+        yield from wait_until(lambda before=before: shown()[0].view is not before, f"{key} turns the view")
+        yield 1.0  # smoothly
+        yield from finish(f"view turned by {key}")
     yield from show_panel()
     yield from finish("panel")
     yield from screenshot("5_view_turned")
