@@ -137,10 +137,10 @@ def steps() -> Steps:
     bpy.data.objects["Light"].hide_render = False
     yield from finish("after saving")
 
-    other = bpy.data.scenes.new("Other")
-    bpy.context.window_manager.windows[0].scene = other
+    bpy.context.window_manager.windows[0].scene = bpy.data.scenes.new("Other")
     yield from wait_until(stopped, "another scene")
-    bpy.context.window_manager.windows[0].scene = scene
+    # undoing has replaced the one that this began with
+    bpy.context.window_manager.windows[0].scene = bpy.data.scenes["Scene"]
     yield from finish("back")
     view()["area"].type = "TEXT_EDITOR"
     yield from wait_until(stopped, "no viewport")
