@@ -249,7 +249,8 @@ def test_undo_takes_the_passes_back(room):
 def test_reflections_are_passes_in_colour(room):
     mirror = bpy.data.objects["Cube"]
     material = bpy.data.materials.new("Mirror")
-    material.use_nodes = True
+    if bpy.app.version < (5, 0):  # later ones always have nodes, and warn
+        material.use_nodes = True
     shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
     shader.inputs["Metallic"].default_value, shader.inputs["Roughness"].default_value = 1.0, 0.0
     shader.inputs["Base Color"].default_value = (1.0, 0.5, 0.2, 1.0)
