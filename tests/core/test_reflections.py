@@ -61,7 +61,7 @@ def test_mirror_sphere_in_a_coloured_box(device):
     sphere = bumpy_sphere("ball", centre, radius_m, 96, bump_share=0.0)
     camera = perspective_camera((-2.6, -1.0, 0.8), centre, WIDTH, HEIGHT, 0.6)
     scene = snapshot([*walls, sphere], [], camera, WIDTH, HEIGHT, materials=[*materials, mirror((0.9, 0.8, 0.7))], world=World())
-    passes = render_passes(scene, device, effects=(Effect.REFLECTION,))
+    passes = render_passes(scene, device, reflection_sample_count=2, effects=(Effect.REFLECTION,))
 
     eye, directions = camera_rays(camera, WIDTH, HEIGHT)
     along = directions @ (centre - eye)
@@ -97,7 +97,7 @@ def test_lit_floor_in_a_mirror(device):
         materials=[matte(albedo), matte((0, 0, 0)), mirror()],
         world=World(),
     )
-    image = render_passes(scene, device, effects=(Effect.REFLECTION,), view_count=1)[REFLECTION_PASS_NAME]
+    image = render_passes(scene, device, reflection_sample_count=2, effects=(Effect.REFLECTION,), view_count=1)[REFLECTION_PASS_NAME]
 
     eye, directions = camera_rays(camera, WIDTH, HEIGHT)
     to_wall = (2 - eye[1]) / directions[..., 1]
@@ -150,7 +150,7 @@ def test_flat_mirror_shows_what_a_mirrored_camera_sees(device):
     scene = snapshot([*boards, ball, glass], [], camera, WIDTH, HEIGHT, materials=all_materials, world=World((0.2, 0.3, 0.4)))
     plan = planned(scene, Settings(effects=(Effect.REFLECTION,)))
     assert [reflector.method_text for reflector in plan.reflections.reflectors] == ["planar"]
-    shown = render_passes(scene, device, effects=(Effect.REFLECTION,))
+    shown = render_passes(scene, device, reflection_sample_count=2, effects=(Effect.REFLECTION,))
     mask = (shown[REFLECTION_COLOR_PASS_NAME] > 0.99).all(axis=-1)
     assert mask.sum() > 3000
 
@@ -200,7 +200,9 @@ def test_parallel_mirrors_show_as_many_images_as_bounces(device, bounces):
     scene = snapshot(
         [front, back, lamp], [], camera, WIDTH, HEIGHT, materials=[mirror(), mirror(), matte((0, 0, 0), (1, 1, 1))], world=World()
     )
-    image = render_passes(scene, device, effects=(Effect.REFLECTION,), bounces=bounces)[REFLECTION_PASS_NAME][..., 0]
+    image = render_passes(scene, device, reflection_sample_count=2, effects=(Effect.REFLECTION,), bounces=bounces)[REFLECTION_PASS_NAME][
+        ..., 0
+    ]
     # images of the lamp at y = 0 in the mirrors at y = 2 and y = -2, those that the eye at y = -1 finds by looking at the front one
     shown = 0
     for y in (4.0, 8.0, 12.0):
@@ -218,7 +220,8 @@ def test_a_reflector_that_is_not_convex_shows_itself(device):
     camera = perspective_camera((0.3, -3.0, 2.5), (0.0, 1.2, 0.6), WIDTH, HEIGHT, 0.45)
     scene = snapshot([corner], [], camera, WIDTH, HEIGHT, materials=[mirror()], world=World((0.5, 0.5, 0.5)))
     once, twice = (
-        render_passes(scene, device, effects=(Effect.REFLECTION,), bounces=bounces)[REFLECTION_PASS_NAME][..., 0] for bounces in (1, 2)
+        render_passes(scene, device, reflection_sample_count=2, effects=(Effect.REFLECTION,), bounces=bounces)[REFLECTION_PASS_NAME][..., 0]
+        for bounces in (1, 2)
     )
 
     eye, directions = camera_rays(camera, WIDTH, HEIGHT)
@@ -265,7 +268,7 @@ def test_matte_scenes_draw_no_maps(device):
     walls, materials = colored_box(3.0)
     scene = snapshot(walls, [], perspective_camera((-2.6, 0, 0), (0, 0, 0), 32, 16), 32, 16, materials=materials, world=World())
     assert not reflectors_of(scene).runs
-    passes = render_passes(scene, device, effects=(Effect.REFLECTION,))
+    passes = render_passes(scene, device, reflection_sample_count=2, effects=(Effect.REFLECTION,))
     assert set(passes) == {REFLECTION_PASS_NAME, REFLECTION_COLOR_PASS_NAME}
     assert not any(image.any() for image in passes.values())
 
@@ -289,7 +292,7 @@ def test_an_eye_within_a_reflector_looks_from_where_it_is(device):
     camera = perspective_camera((0.2, -1.0, 0.1), (0.0, 1.0, 0.0), 64, 36, 0.6)
     scene = snapshot([room, lamp], [], camera, 64, 36, materials=[mirror(), matte((0, 0, 0), (1, 1, 1))], world=World((0.3, 0, 0)))
     assert "the eye is inside" in reflectors_of(scene).reflectors[0].reason
-    image = render_passes(scene, device, effects=(Effect.REFLECTION,), bounces=2)[REFLECTION_PASS_NAME]
+    image = render_passes(scene, device, reflection_sample_count=2, effects=(Effect.REFLECTION,), bounces=2)[REFLECTION_PASS_NAME]
     # nothing of the world gets into a closed room
     assert image[..., 0].max() > 0.99
     np.testing.assert_allclose(image[..., 0], image[..., 1], atol=2e-3)
@@ -315,6 +318,7 @@ def test_mirrored_and_stretched_reflectors_reflect_as_they_stand(device, scale):
             snapshot([*walls, mesh], [], camera, WIDTH, HEIGHT, transforms=matrices, materials=[*materials, mirror()], world=World()),
             device,
             effects=(Effect.REFLECTION,),
+            reflection_sample_count=2,
         )[REFLECTION_PASS_NAME]
         for mesh, matrices in ((stretched, transforms), (ball, placed))
     ]
