@@ -13,8 +13,8 @@ VIEW_COUNTS = (FEWEST_VIEWS, MOST_VIEWS)
 """what is planned for each map resolution; the plan's model is nearly linear between them"""
 
 ERROR_EXPONENT = 0.4
-"""Estimated errors fall with the views to the power of -0.4: 0.35 to 0.45 for the lights of the demo scenes between 8 and 256 views, most
-of which have penumbrae and edges everywhere; smooth penumbrae alone fall with -0.75."""
+"""Estimated errors fall with the views to the power of -0.4: measured in one scene, the still life, between 8 and 128 views, most of whose
+pixels are in penumbrae or at edges. Smooth penumbrae alone may fall faster."""
 
 
 @dataclass(frozen=True)
