@@ -115,6 +115,22 @@ def test_every_view_layer_has_its_own(animated):
     assert set(state.statistics) == set(state.plans) == {animated.view_layers[0].name, "Without"}
 
 
+def test_motion_blur_leaves_the_passes_of_the_frame_itself(animated, tmp_path, monkeypatch):
+    compose(animated)
+    animated.render.engine, animated.cycles.samples = "CYCLES", 1
+    animated.render.use_motion_blur, animated.vir.use_on_render = True, True
+    animated.frame_set(2)
+    animated.render.filepath = str(tmp_path / "frame_0002.exr")
+    made = []
+    render_layer = frame_hook.render_layer
+    monkeypatch.setattr(frame_hook, "render_layer", lambda *given: (made.append(given[0].frame_current), render_layer(*given)))
+    bpy.ops.render.render(write_still=True)
+    pixels = rendered(tmp_path, 2)
+    animated.vir.use_on_render = False
+    assert made == [2]
+    np.testing.assert_array_equal(pixels, by_button(animated, 2))
+
+
 def test_a_frame_that_fails_is_seen(animated, monkeypatch, capsys):
     bpy.ops.vir.render()
     animated.vir.use_on_render = True

@@ -71,6 +71,20 @@ def test_the_panel_can_say_what_the_plan_decided(room):
     assert float(exact.rpartition(" ")[2]) < float(fast.rpartition(" ")[2])
 
 
+def test_what_was_moved_and_not_keyed_stays(room):
+    cube, key = bpy.data.objects["Cube"], bpy.data.lights["Key"]
+    cube['vir "test"'] = 1.0
+    cube.keyframe_insert("location", frame=1)
+    cube.keyframe_insert('["vir \\"test\\""]', frame=1)
+    key.keyframe_insert("energy", frame=1)
+    room.frame_set(1, subframe=0.25)
+    cube.location.x, cube['vir "test"'], key.energy = 3.0, 2.0, 7.0
+    bpy.context.view_layer.update()
+    assert bpy.ops.vir.plan() == {"FINISHED"}
+    assert (cube.location.x, cube['vir "test"'], key.energy) == (3.0, 2.0, 7.0)
+    assert (room.frame_current, room.frame_subframe) == (1, 0.25)
+
+
 def test_a_second_render_fills_the_same_images_and_the_group_follows(room):
     bpy.ops.vir.render()
     first = scene_images(room.name)

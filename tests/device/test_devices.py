@@ -6,6 +6,7 @@ import dataclasses
 import re
 import sys
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -387,4 +388,12 @@ def test_unknown_and_missing_devices_say_what_to_do(monkeypatch):
         device_opening.open_device("moderngl")
     monkeypatch.setitem(sys.modules, "bpy", None)
     with pytest.raises(DeviceError, match="use the device moderngl"):
+        device_opening.open_device("gpu")
+
+
+def test_blenders_module_is_refused_before_5_2_also_in_a_window(monkeypatch):
+    blender = SimpleNamespace(app=SimpleNamespace(version=(5, 0, 1), version_string="5.0.1", background=False))
+    monkeypatch.setitem(sys.modules, "bpy", blender)
+    monkeypatch.setitem(sys.modules, "gpu", SimpleNamespace())
+    with pytest.raises(DeviceError, match=r"Blender 5\.0\.1 .* moderngl"):
         device_opening.open_device("gpu")

@@ -25,7 +25,7 @@ def register() -> None:
         bpy.utils.register_class(registered)
     bpy.utils.register_preset_path(presets.search_path())
     bpy.app.handlers.load_pre.append(_forget_file)
-    bpy.app.handlers.frame_change_post.append(frame_hook.render_frame)
+    frame_hook.register()
     interface.register()
     _handles.append(bpy.utils.register_cli_command(CLI_COMMAND, run_command))
 
@@ -37,7 +37,7 @@ def unregister() -> None:
     while _handles:
         bpy.utils.unregister_cli_command(_handles.pop())
     interface.unregister()
-    bpy.app.handlers.frame_change_post.remove(frame_hook.render_frame)
+    frame_hook.unregister()
     bpy.app.handlers.load_pre.remove(_forget_file)
     bpy.utils.unregister_preset_path(presets.search_path())
     frame_state.forget_all()

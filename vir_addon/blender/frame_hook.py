@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import time
 import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import bpy
 
@@ -28,12 +31,40 @@ WAIT_S = 0.002
 """between looks at a render on a thread of its own"""
 
 
+@dataclass
+class _Frame:
+    is_rendered: bool = False
+    """Blender is about it"""
+    served: set[tuple[int, str]] = field(default_factory=set)
+    """session_uid of a scene, name of a view layer"""
+
+
+_frame = _Frame()
+
+
+@bpy.app.handlers.persistent
+def begin_frame(*_: Any) -> None:
+    """Blender's handler, before a frame is rendered. What evaluates scenes like a render, exports and baking, does not call it."""
+    _frame.is_rendered = True
+    _frame.served.clear()
+
+
+@bpy.app.handlers.persistent
+def end_frame(*_: Any) -> None:
+    """Blender's handler, after a frame, whether it was rendered or cancelled."""
+    _frame.is_rendered = False
+
+
 @bpy.app.handlers.persistent
 def render_frame(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Blender's handler. What goes wrong is printed and shown in the panel, and the images turn magenta: Blender offers no way to stop
     a render from here, and the passes of another frame would pass for right."""
-    if depsgraph is None or depsgraph.mode != "RENDER" or is_evaluating() or not scene.vir.use_on_render:
+    if not _frame.is_rendered or depsgraph is None or depsgraph.mode != "RENDER" or is_evaluating() or not scene.vir.use_on_render:
         return
+    layer = (scene.session_uid, depsgraph.view_layer.name)
+    if layer in _frame.served:
+        return  # motion blur: the engine looks at the shutter's times after the frame itself
+    _frame.served.add(layer)
     try:
         render_layer(scene, depsgraph)
     except Exception as error:
@@ -75,3 +106,23 @@ def reasons_against_frames(scene: bpy.types.Scene) -> list[str]:
     elif not has_pass_nodes(scene):
         reasons.append("The compositor does not have the passes yet: press Render Passes, then Add to Compositor")
     return reasons
+
+
+def _handlers() -> tuple[tuple[list[Any], Callable[..., None]], ...]:
+    on = bpy.app.handlers
+    return (
+        (on.render_pre, begin_frame),
+        (on.frame_change_post, render_frame),
+        *((handlers, end_frame) for handlers in (on.render_post, on.render_cancel, on.render_complete)),
+    )
+
+
+def register() -> None:
+    for handlers, function in _handlers():
+        handlers.append(function)
+
+
+def unregister() -> None:
+    for handlers, function in reversed(_handlers()):
+        handlers.remove(function)
+    end_frame()

@@ -66,17 +66,18 @@ def take_snapshot(
 
 def frame_jobs(
     scene: bpy.types.Scene,
-    frame: int,
+    frame: int | None,
     settings: Settings,
     resolution: tuple[int, int] | None = None,
     on_step: OnStep | None = None,
 ) -> dict[str, LayerJob]:
-    """View layer name -> job, for one frame.
+    """View layer name -> job, for one frame. frame: None as the scene stands, which is then left as it is
 
     Raises SceneError for a scene that has no surface in any frame. A frame, or a view layer, that shows none gets white passes: things
     are hidden and scaled to nothing by animation, and a layer of its own for smoke is common.
     """
-    scene.frame_set(frame)
+    if frame is not None:
+        scene.frame_set(frame)
     reflects = Effect.REFLECTION in settings.effects
     snapshots = {
         layer.name: take_snapshot(scene, layer, resolution, on_step, with_materials=reflects) for layer in rendered_view_layers(scene)

@@ -28,7 +28,7 @@ def plan_frame(scene: bpy.types.Scene) -> dict[str, LayerJob]:
     if scene.camera is None:
         raise SceneError(f"the scene {scene.name!r} has no camera; add one, or make one the active camera")
     device = devices.get_device(devices.device_name(scene.vir.device))
-    jobs = frame_jobs(scene, scene.frame_current, settings_for(device, settings_of(scene)))
+    jobs = frame_jobs(scene, None, settings_for(device, settings_of(scene)))
     frame_state.note_plan(scene, jobs)
     return jobs
 

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import bpy
 
 from ..core.errors import SceneError
+from .unkeyed_edits import kept_unkeyed_edits
 
 Result = TypeVar("Result")
 
@@ -63,7 +64,8 @@ def with_render_depsgraph(
     if scene.camera is None:
         raise SceneError(f"The scene '{scene.name}' has no camera. Add one, or make one the active camera.")
     outcome = _Outcome(function)
-    with _registered_engine(outcome), _quiet_render(scene, view_layer), _kept_render_result():
+    # after a render Blender evaluates the frame anew, and drops what was moved but not keyed
+    with kept_unkeyed_edits(), _registered_engine(outcome), _quiet_render(scene, view_layer), _kept_render_result():
         try:
             bpy.ops.render.render(write_still=False, scene=scene.name)
         except RuntimeError as error:

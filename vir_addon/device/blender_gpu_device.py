@@ -248,9 +248,13 @@ class BlenderGpuDevice(Device):
             raise DeviceError(
                 f"this Python has no Blender ({error}); use the device moderngl, or run: python -m pip install bpy"
             ) from error
+        if bpy.app.version < (5, 2, 0):
+            # in background there is none at all; in a window, arrays of what is read back are scrambled
+            raise DeviceError(
+                f"Blender {bpy.app.version_string} does not hand its graphics to scripts as VIR needs it, 5.2 and later do;"
+                " use the device moderngl"
+            )
         if bpy.app.background:
-            if not hasattr(gpu, "init"):
-                raise DeviceError(f"Blender {bpy.app.version_string} has no GPU in background, 5.2 and later do; use the device moderngl")
             if sys.platform == "linux" and bpy.context.preferences.system.gpu_backend == "OPENGL":
                 _check_egl()
             _initialize(gpu)

@@ -21,6 +21,9 @@ class VIR_OT_preview(bpy.types.Operator):
         if bpy.app.background:
             cls.poll_message_set("There is no viewport in background")
             return False
+        if bpy.app.version < (5, 2, 0):
+            cls.poll_message_set("The preview needs Blender 5.2")
+            return False
         return context.scene is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
