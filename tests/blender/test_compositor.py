@@ -153,6 +153,23 @@ def test_a_node_tidied_into_a_group_is_found(scene):
     assert len(tree.nodes) == count
 
 
+def test_scenes_that_share_the_group_are_parted(scene):
+    node = add_pass_nodes(scene, write_images(passes_of(ALL, KEY), scene_name=scene.name)).node
+    other = bpy.data.scenes.new("Other")
+    add_pass_nodes(other, {})
+    own = next(candidate for candidate in tree_of(other).nodes if candidate.type == "GROUP")
+    own.node_tree = node.node_tree
+    target = tree_of(other).nodes.new("CompositorNodeBlur").inputs["Image"]
+    tree_of(other).links.new(own.outputs[KEY], target)
+    add_pass_nodes(other, write_images(passes_of(KEY, FILL), scene_name="Other"))
+    assert {socket.name for socket in node.outputs} == {ALL, KEY} and {socket.name for socket in own.outputs} == {KEY, FILL}
+    owners = {image.image["vir_scene"] for image in node.node_tree.nodes if image.bl_idname == "CompositorNodeImage"}
+    assert owners == {scene.name} and target.links[0].from_socket.name == KEY
+    count = len(bpy.data.node_groups)
+    add_pass_nodes(other, write_images(passes_of(KEY), scene_name="Other"))
+    assert len(bpy.data.node_groups) == count
+
+
 def test_a_deleted_node_comes_back_with_the_same_group(scene):
     images = write_images(passes_of(KEY))
     add_pass_nodes(scene, images)

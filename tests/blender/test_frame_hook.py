@@ -169,6 +169,40 @@ def test_a_busy_main_thread_is_not_waited_for_without_end(monkeypatch):
     assert errors and "OpenGL" in errors[0]
 
 
+def test_threads_are_served_by_the_main_thread_until_blender_quits():
+    devices.register()
+    answers, quits = [], threading.Event()
+
+    def ask():
+        answers.append(devices.on_main_thread(threading.current_thread))
+        quits.wait()
+        with pytest.raises(DeviceError, match="OpenGL"):
+            devices.on_main_thread(threading.current_thread)
+        answers.append("refused")
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    while not answers:
+        devices._serve_calls()
+    devices.refuse_calls()
+    quits.set()
+    thread.join()
+    devices.unregister()
+    assert answers == [threading.main_thread(), "refused"]
+
+
+def test_what_is_cancelled_while_a_frame_is_made_is_no_error(animated, monkeypatch):
+    animated.vir.use_on_render, animated.vir.view_count = True, 4096
+
+    def step(render):
+        frame_state.forget_all()
+        return render.is_done
+
+    monkeypatch.setattr(frame_hook.SteppedRender, "step", step)
+    bpy.ops.render.render()
+    assert not frame_state.state_of(animated).problem and not scene_images(animated.name)
+
+
 COMMAND_LINE = """
 import sys
 import bpy

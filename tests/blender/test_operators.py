@@ -195,6 +195,20 @@ def test_opening_another_file_ends_what_runs(room):
     assert render.is_done and frame_state.state_of(bpy.context.scene).running is None
 
 
+def test_an_interrupted_render_does_not_go_on(room, monkeypatch):
+    def interrupt(render):
+        made.append(render)
+        raise KeyboardInterrupt
+
+    made = []
+    room.vir.view_count = 4096
+    monkeypatch.setattr(SteppedRender, "step", interrupt)
+    with pytest.raises((RuntimeError, KeyboardInterrupt)):
+        bpy.ops.vir.render()
+    made[0].join()
+    assert made[0].is_cancelled and not made[0].layers
+
+
 def test_an_error_of_the_device_arrives_and_the_next_render_works(room, monkeypatch):
     from vir_addon.core.render import Renderer
 

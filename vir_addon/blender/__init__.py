@@ -25,6 +25,7 @@ def register() -> None:
         bpy.utils.register_class(registered)
     bpy.utils.register_preset_path(presets.search_path())
     bpy.app.handlers.load_pre.append(_forget_file)
+    devices.register()
     frame_hook.register()
     interface.register()
     _handles.append(bpy.utils.register_cli_command(CLI_COMMAND, run_command))
@@ -41,7 +42,7 @@ def unregister() -> None:
     bpy.app.handlers.load_pre.remove(_forget_file)
     bpy.utils.unregister_preset_path(presets.search_path())
     frame_state.forget_all()
-    devices.close_devices()
+    devices.unregister()
     for registered in reversed(CLASSES):
         bpy.utils.unregister_class(registered)
     properties.unregister()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import bpy
 
 from ..core.errors import SceneError
-from .images import PASS_PROPERTY
+from .images import PASS_PROPERTY, SCENE_PROPERTY
 
 GROUP_NAME = "VIR Passes"
 GROUP_PROPERTY = "vir_passes"
@@ -43,8 +43,8 @@ def add_pass_nodes(scene: bpy.types.Scene, images: Mapping[str, bpy.types.Image]
     tree = _made_compositor_tree(scene)
     result = PassNodes(_find_group_node(tree) or _new_group_node(tree))
     result.is_switched_off = not bpy.app.version >= (5, 0) and not scene.use_nodes
-    group = result.node.node_tree
-    _check_editable(group)
+    _check_editable(result.node.node_tree)
+    group = _own_group(scene, tree, result.node)
     _drop_gone_passes(group, images, result)
     output = _group_output(group)
     for row, (pass_name, image) in enumerate(images.items()):
@@ -131,6 +131,18 @@ def _new_group_node(tree: bpy.types.NodeTree) -> bpy.types.Node:
     node.width = 280.0  # pass names are long
     node.location = location
     return node
+
+
+def _own_group(scene: bpy.types.Scene, tree: bpy.types.NodeTree, node: bpy.types.Node) -> bpy.types.NodeTree:
+    """The node's group, a copy of it where it gives another scene's passes. Scenes that share their whole compositor share it too."""
+    group = node.node_tree
+    owner = bpy.data.scenes.get(group.get(SCENE_PROPERTY, ""))
+    if owner is None:
+        group[SCENE_PROPERTY] = scene.name
+    elif owner != scene and compositor_tree(owner) != tree:
+        group = node.node_tree = group.copy()
+        group[SCENE_PROPERTY] = scene.name
+    return group
 
 
 def _free_location(tree: bpy.types.NodeTree) -> tuple[float, float]:

@@ -84,8 +84,14 @@ def render_layer(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None
     made = LayerJob(taken, plan(taken, settings))
     step = partial(devices.on_main_thread, SteppedRender.step) if devices.is_bound_to_main_thread(device_name) else SteppedRender.step
     render = SteppedRender({layer_name: made}, device_name)
-    while not step(render):
-        time.sleep(WAIT_S if render.is_threaded else 0.0)
+    try:
+        while not step(render):
+            time.sleep(WAIT_S if render.is_threaded else 0.0)
+    finally:
+        if not render.is_done:  # interrupted, or the main thread did not serve it
+            devices.ask_main_thread(render.cancel)
+    if render.is_cancelled:  # the extension is being disabled, or another file opened
+        return
     if render.error is not None:
         raise render.error
     is_first = layer_name == rendered_view_layers(scene)[0].name

@@ -136,6 +136,9 @@ class VIR_OT_render(_Reporting, bpy.types.Operator):
         except Exception as error:
             return self.tell(scene, error)
         finally:
+            running = state_of(scene).running
+            if running is not None and not running.is_done:  # interrupted
+                running.cancel()
             state_of(scene).running = None
         return {"FINISHED"}
 
