@@ -80,6 +80,29 @@ def test_an_animation_has_each_frames_passes(animated, tmp_path):
     assert np.abs(frames[0] - frames[2]).max() > 0.5
 
 
+def test_animated_settings_are_those_of_the_frame(animated):
+    animated.vir.use_on_render = True
+    animated.vir.keyframe_insert("view_count", frame=1)
+    animated.vir.view_count = 12
+    animated.vir.keyframe_insert("view_count", frame=3)
+    bpy.ops.render.render(animation=True)
+    (made,) = (one for layer in frame_state.state_of(animated).statistics.values() for one in layer.passes)
+    assert (frame_state.state_of(animated).frame, made.view_count) == (3, 12)
+
+
+def test_saving_keeps_the_last_frame_that_was_made(animated, tmp_path):
+    expected = by_button(animated, 1)
+    animated.vir.use_on_render = True
+    animated.frame_set(3)
+    bpy.ops.render.render()
+    last = np.array(scene_images(animated.name)[PASS].pixels[:])
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
+    saved = np.array(scene_images(bpy.context.scene.name)[PASS].pixels[:])
+    np.testing.assert_array_equal(saved, last)
+    assert np.abs(saved.reshape(HEIGHT, WIDTH, 4)[..., 0] - expected).max() > 0.5
+
+
 def test_another_engine_too(animated, tmp_path):
     compose(animated)
     animated.render.engine = "CYCLES"

@@ -215,10 +215,12 @@ def test_an_error_of_the_device_arrives_and_the_next_render_works(room, monkeypa
     def lost(*_):
         raise DeviceError("the device is lost")
 
+    before = devices.get_device("moderngl")
     with monkeypatch.context() as broken:
         broken.setattr(Renderer, "render_batch", lost)
         refuse(bpy.ops.vir.render, "the device is lost")
         assert frame_state.state_of(room).problem == "the device is lost"
+        assert devices.get_device("moderngl") is not before
     assert not scene_images(room.name) and frame_state.state_of(room).running is None
     assert bpy.ops.vir.render() == {"FINISHED"}
     assert not frame_state.state_of(room).problem

@@ -228,7 +228,10 @@ def test_undo_reads_everything_again(scene, viewport):
 def test_another_file(scene, viewport):
     """Handlers of the old one are gone, and its viewports."""
     switch_on(scene, viewport)
+    handlers = list(bpy.app.handlers.load_pre)
     bpy.ops.wm.read_homefile(use_factory_startup=True)
+    assert list(bpy.app.handlers.load_pre) == handlers, "changed while Blender walked it"
+    running._tick()
     assert is_at_work() == {False}
 
 

@@ -199,3 +199,27 @@ def test_lights_wishes_reach_the_plan(registered, add, take):
     assert lines["Key"].runs and lines["Key"].view_count == 24
     assert not lines["Off"].runs and "switched off for this light" in lines["Off"].reason
     assert not lines["Lamp"].runs and "omni shadows are switched off" in lines["Lamp"].reason
+
+
+def test_one_group_that_cannot_be_brought_up_to_date_leaves_the_others(registered, add, tmp_path, monkeypatch, capsys):
+    for name in ("First", "Second"):
+        add.light(name).data.vir.view_count = 48
+    path = save(tmp_path)
+
+    def refuse_the_first(group):
+        if group.id_data.name == "First":
+            raise ValueError("not understood")
+
+    monkeypatch.setattr(properties, "VERSION", properties.VERSION + 1)
+    monkeypatch.setitem(properties.MIGRATIONS, properties.VERSION - 1, refuse_the_first)
+    open_file(path)
+    assert [bpy.data.lights[name].vir.version for name in ("First", "Second")] == [properties.VERSION - 1, properties.VERSION]
+    assert "not understood" in capsys.readouterr().err
+
+
+def test_the_chosen_light_stays_chosen_when_others_come(registered, add):
+    add.light("Key")
+    registered.vir.active_light_index = registered.objects.find("Key")
+    for name in ("Added", "Before", "Zenith"):
+        add.cube(name)
+    assert registered.objects[registered.vir.active_light_index].name == registered.vir.active_light == "Key"

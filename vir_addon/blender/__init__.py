@@ -37,6 +37,7 @@ def unregister() -> None:
         return
     while _handles:
         bpy.utils.unregister_cli_command(_handles.pop())
+    operators.end_modal()
     interface.unregister()
     frame_hook.unregister()
     bpy.app.handlers.load_pre.remove(_forget_file)

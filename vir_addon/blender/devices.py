@@ -51,6 +51,13 @@ def get_device(name: str) -> Device:
         return _devices[name]
 
 
+def drop_device(device: Device) -> None:
+    """It has failed: the next call opens another. Not closed, as others may still hold what is on it."""
+    with _lock:
+        for name in [name for name, each in _devices.items() if each is device]:
+            del _devices[name]
+
+
 def is_bound_to_main_thread(name: str) -> bool:
     return name == "gpu"
 

@@ -21,7 +21,7 @@ from ..core.settings import Effect
 from . import devices, frame_state
 from .compositor import compositor_tree, has_node, has_pass_nodes
 from .extract import snapshot
-from .images import mark_missing, write_images
+from .images import mark_missing, pack_unsaved, write_images
 from .job import LayerJob, rendered_view_layers
 from .properties import settings_of
 from .render_depsgraph import is_evaluating
@@ -59,7 +59,9 @@ def end_frame(*_: Any) -> None:
 def render_frame(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Blender's handler. What goes wrong is printed and shown in the panel, and the images turn magenta: Blender offers no way to stop
     a render from here, and the passes of another frame would pass for right."""
-    if not _frame.is_rendered or depsgraph is None or depsgraph.mode != "RENDER" or is_evaluating() or not scene.vir.use_on_render:
+    if not _frame.is_rendered or depsgraph is None or depsgraph.mode != "RENDER" or is_evaluating():
+        return
+    if not depsgraph.scene_eval.vir.use_on_render:
         return
     layer = (scene.session_uid, depsgraph.view_layer.name)
     if layer in _frame.served:
@@ -78,8 +80,9 @@ def render_layer(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None
     """Fill the images of the depsgraph's view layer. Raises VirError."""
     start = time.perf_counter()
     layer_name = depsgraph.view_layer.name
-    device_name = devices.device_name(scene.vir.device)
-    settings = settings_for(devices.get_device(device_name), settings_of(scene))
+    evaluated = depsgraph.scene_eval  # the scene itself does not follow the settings' animation while Blender renders
+    device_name = devices.device_name(evaluated.vir.device)
+    settings = settings_for(devices.get_device(device_name), settings_of(evaluated))
     taken = snapshot(depsgraph, with_materials=Effect.REFLECTION in settings.effects)
     made = LayerJob(taken, plan(taken, settings))
     step = partial(devices.on_main_thread, SteppedRender.step) if devices.is_bound_to_main_thread(device_name) else SteppedRender.step
@@ -117,6 +120,7 @@ def reasons_against_frames(scene: bpy.types.Scene) -> list[str]:
 def _handlers() -> tuple[tuple[list[Any], Callable[..., None]], ...]:
     on = bpy.app.handlers
     return (
+        (on.save_pre, pack_unsaved),
         (on.render_pre, begin_frame),
         (on.frame_change_post, render_frame),
         *((handlers, end_frame) for handlers in (on.render_post, on.render_cancel, on.render_complete)),

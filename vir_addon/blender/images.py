@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import bpy
 import numpy as np
@@ -64,6 +65,14 @@ def mark_missing(scene_name: str) -> None:
         rgba[:, :3] = MISSING_COLOR
         image.pixels.foreach_set(rgba.ravel())
         image.update()
+
+
+@bpy.app.handlers.persistent
+def pack_unsaved(*_: Any) -> None:
+    """Blender's handler, before a file is saved: images of frames are not packed one by one, and would be saved as they were before."""
+    for image in bpy.data.images:
+        if image.library is None and image.get(PASS_PROPERTY) and image.is_dirty:
+            image.pack()
 
 
 def _write_image(pass_name: str, scene_name: str, pixels: np.ndarray, pack: bool) -> bpy.types.Image:

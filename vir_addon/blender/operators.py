@@ -105,6 +105,16 @@ class VIR_OT_plan(_Reporting, bpy.types.Operator):
         return {"FINISHED"}
 
 
+_modal: list[VIR_OT_render] = []
+"""those that run in a window"""
+
+
+def end_modal() -> None:
+    """Before the extension is disabled: Blender drops running operators of its classes without a word to them."""
+    for operator in list(_modal):
+        operator.cancel(bpy.context)
+
+
 class VIR_OT_render(_Reporting, bpy.types.Operator):
     """Render the passes of the current frame into images. Esc cancels and keeps what was there before"""
 
@@ -149,6 +159,7 @@ class VIR_OT_render(_Reporting, bpy.types.Operator):
             self._begin(context.scene)
         except Exception as error:
             return self.tell(context.scene, error)
+        _modal.append(self)
         self._timer = context.window_manager.event_timer_add(TICK_S, window=context.window)
         context.window_manager.progress_begin(0.0, 1.0)
         context.window_manager.modal_handler_add(self)
@@ -203,10 +214,11 @@ class VIR_OT_render(_Reporting, bpy.types.Operator):
         text = status_text(self._render)
         if text != self._shown:
             self._shown = text
-            context.workspace.status_text_set(lambda header, _: header.layout.label(text=text, icon="RENDER_STILL"))
+            context.workspace.status_text_set(text)
             redraw_panels(context)
 
     def _end(self, context: bpy.types.Context) -> None:
+        _modal.remove(self)
         frame_state.forget_running(self._render)
         context.window_manager.event_timer_remove(self._timer)
         context.window_manager.progress_end()

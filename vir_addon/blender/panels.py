@@ -128,8 +128,7 @@ class _Lights:
 
 def _draw_light(layout: Any, context: Any, state: SceneState) -> None:
     scene = context.scene
-    index = scene.vir.active_light_index
-    chosen = scene.objects[index] if 0 <= index < len(scene.objects) else None
+    chosen = scene.objects.get(scene.vir.active_light)
     if chosen is None or chosen.type != "LIGHT":
         layout.label(text="Click a light for details")
         return

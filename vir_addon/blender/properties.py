@@ -7,6 +7,7 @@ saved, and brought up to date when it is opened, appended or linked.
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -75,6 +76,15 @@ def _get_quality(group: VIR_SceneSettings) -> float:
 def _set_quality(group: VIR_SceneSettings, quality: float) -> None:
     group.view_count = views_of_quality(quality)
     group.map_resolution_px = map_resolution_of_views(group.view_count)
+
+
+def _get_active_light(group: VIR_SceneSettings) -> int:
+    return group.id_data.objects.find(group.active_light)
+
+
+def _set_active_light(group: VIR_SceneSettings, index: int) -> None:
+    objects = group.id_data.objects
+    group.active_light = objects[index].name if 0 <= index < len(objects) else ""
 
 
 def _lock_interface(group: VIR_SceneSettings, context: bpy.types.Context) -> None:
@@ -245,8 +255,15 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
         soft_max=4096,
     )
 
+    active_light: bpy.props.StringProperty(
+        name="Active Light", description="The light whose details are shown: the name of its object", options={"HIDDEN"}
+    )
     active_light_index: bpy.props.IntProperty(
-        name="Active Light", description="Row of the list of lights: the index of its object in the scene", options={"HIDDEN"}
+        name="Active Light",
+        description="Row of the list of lights: the index of its object in the scene",
+        options={"HIDDEN"},
+        get=_get_active_light,
+        set=_set_active_light,
     )
 
     use_preview: bpy.props.BoolProperty(
@@ -420,7 +437,11 @@ def _bring_up_to_date(*_: Any) -> None:
     for group in _versioned_groups():
         # 0: holds nothing, or was set since the file was opened
         while 0 < group.version < VERSION:
-            MIGRATIONS[group.version](group)
+            try:
+                MIGRATIONS[group.version](group)
+            except Exception:  # the other groups are still to come
+                traceback.print_exc()
+                break
             group.version += 1
 
 

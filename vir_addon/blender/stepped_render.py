@@ -11,6 +11,7 @@ import threading
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 
+from ..core.errors import SceneError, UsageError
 from ..core.pass_set import PassSet
 from ..core.plan import check_device
 from ..core.render import Progress, render
@@ -108,6 +109,8 @@ class SteppedRender:
             self.is_done = True
         except BaseException as error:  # shown by whoever steps, on the main thread
             self.error = error
+            if isinstance(error, Exception) and not isinstance(error, UsageError | SceneError):  # a device that is lost stays so
+                devices.drop_device(self.device)
             self.is_done = True
 
     def _render(self) -> Generator[None, None, None]:

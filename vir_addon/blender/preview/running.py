@@ -6,6 +6,7 @@ matter who turns it, a button, undoing or opening a file. What lives here goes w
 
 from __future__ import annotations
 
+import contextlib
 import time
 import traceback
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...core.errors import VirError
+from ...core.errors import DeviceError, VirError
 from ...core.settings import Settings
 from .. import devices
 from ..frame_state import is_rendering
@@ -285,6 +286,11 @@ def _give_up(shown: Shown, error: Exception) -> None:
         traceback.print_exception(error)
     shown.problem = str(error) if isinstance(error, VirError) else f"internal error, see the console: {type(error).__name__}: {error}"
     shown.is_stuck = True
+    if shown.preview is not None and isinstance(error, DeviceError):
+        devices.drop_device(shown.preview.render.device)
+        with contextlib.suppress(Exception):
+            shown.preview.close()
+        shown.preview = None
 
 
 def _advance(shown: Shown, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> bool:
@@ -358,7 +364,10 @@ def _note_undo(*_: Any) -> None:
 
 
 def _note_load(*_: Any) -> None:
-    stop()
+    # the rest of `stop` is left to the timer: Blender is walking the list of handlers
+    for address in list(_running.viewports):
+        _forget(address)
+    _wake()
 
 
 for _function in (_note_update, _note_undo, _note_load):
