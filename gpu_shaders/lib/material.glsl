@@ -114,7 +114,7 @@ void run_program(int address, SurfacePoint point, inout vec3 r[REGISTERS]) {
             }
         } else {
             vec3 a = r[int(instruction.y)];
-            vec3 b = r[int(instruction.z)];
+            vec3 b = r[min(int(instruction.z), REGISTERS - 1)];  // of a table it is how many entries there are
             if (operation == OP_TABLE) {
                 int entry_count = int(instruction.z);
                 result = looked_up(a.x, address, entry_count);

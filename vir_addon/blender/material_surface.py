@@ -156,6 +156,8 @@ class _ShaderReading:
     def __init__(self, colors: ColorReader, material: bpy.types.Material) -> None:
         self.colors, self._material = colors, material
         self._depth = 0
+        self._lobes: dict[tuple[int, ...], Material] = {}
+        """of shader nodes in their groups: many may share one"""
         self.reasons: list[str] = []
         """what is not read, as in 'with ...'"""
 
@@ -168,11 +170,14 @@ class _ShaderReading:
         read = _SHADERS.get(node.type)
         if read is None:
             raise UnreadableNodes(f"the node '{node.name}'")
-        self._depth += 1
-        try:
-            return read(self, _Inputs(self, node, here))
-        finally:
-            self._depth -= 1
+        place = (node.as_pointer(), *(group.as_pointer() for group in here.groups))
+        if place not in self._lobes:
+            self._depth += 1
+            try:
+                self._lobes[place] = read(self, _Inputs(self, node, here))
+            finally:
+                self._depth -= 1
+        return self._lobes[place]
 
     def value(self, node: bpy.types.Node, here: NodeInput, identifier: str, *, is_color: bool) -> MaterialInput:
         """Of an input; where what is linked to it cannot be read, the viewport's colour or the input's own number."""

@@ -7,6 +7,7 @@ MATERIAL_INPUTS: those that are constant are there from the start, the others ar
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -234,26 +235,62 @@ def evaluate_operation(operation: Operation, *operands: np.ndarray) -> np.ndarra
 
 def evaluate_on_texels(expression: MaterialInput, image: ImageTexels) -> np.ndarray:
     """(height, width, 3) float32: what the expression, which samples that image alone, makes of each of its texels."""
-    texels = image.texels.astype(np.float64) / (255.0 if image.texels.dtype == np.uint8 else 1.0)
-    colors = texels[..., :3] if texels.shape[2] > 1 else np.repeat(texels, 3, axis=2)
-    if image.is_srgb:
-        colors = np.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)
+    colors = _linear_colors(image, image.texels)
+
+    def value_of(leaf: ImageSample | CornerValue) -> np.ndarray:
+        if isinstance(leaf, CornerValue):
+            raise ValueError("an image has no corners")
+        return colors
+
+    return np.broadcast_to(_evaluate(expression, value_of), colors.shape).astype(np.float32)
+
+
+def typical_value(expression: MaterialInput) -> np.ndarray:
+    """(3,) float64: what the expression makes of its images' means, and of 0.5 for what only a place on the surface has."""
+
+    def value_of(leaf: ImageSample | CornerValue) -> np.ndarray:
+        if isinstance(leaf, CornerValue):
+            return np.full(3, 0.5)
+        height, width, channel_count = leaf.image.texels.shape
+        step = max(1, math.isqrt(height * width // _TYPICAL_TEXELS))
+        texels = leaf.image.texels[::step, ::step]
+        if leaf.is_alpha:
+            return np.full(3, texels[..., 3].mean() / _texel_scale(texels) if channel_count == 4 else 1.0)
+        return _linear_colors(leaf.image, texels).reshape(-1, 3).mean(axis=0)
+
+    return np.nan_to_num(_evaluate(expression, value_of))
+
+
+_TYPICAL_TEXELS = 4096
+
+
+def _texel_scale(texels: np.ndarray) -> float:
+    return 255.0 if texels.dtype == np.uint8 else 1.0
+
+
+def _linear_colors(image: ImageTexels, texels: np.ndarray) -> np.ndarray:
+    """(height, width, 3) float64 of texels of an image."""
+    values = texels.astype(np.float64) / _texel_scale(texels)
+    colors = values[..., :3] if values.shape[2] > 1 else np.repeat(values, 3, axis=2)
+    return np.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4) if image.is_srgb else colors
+
+
+def _evaluate(expression: MaterialInput, value_of: Callable[[ImageSample | CornerValue], np.ndarray]) -> np.ndarray:
+    """(..., 3) float64; each part once, however many share it. value_of: of what is looked up on the surface"""
     values: dict[MaterialInput, np.ndarray] = {}
     for part in _parts(expression):
         operands = [values[operand] for operand in _operands(part)]
         match part:
             case Constant(value):
-                values[part] = np.array(value)
-            case ImageSample():
-                values[part] = colors
+                values[part] = np.array(value, np.float64)
+            case ImageSample() | CornerValue():
+                values[part] = value_of(part)
             case TableLookup(table=table):
                 places = np.linspace(0.0, 1.0, table.texels.shape[1])
                 values[part] = np.stack([np.interp(operands[0][..., 0], places, table.texels[0, :, k]) for k in range(3)], axis=-1)
             case Combination(operation):
                 values[part] = evaluate_operation(operation, *operands)
-            case CornerValue():
-                raise ValueError("an image has no corners")
-    return np.broadcast_to(values[expression], colors.shape).astype(np.float32)
+    return values[expression]
 
 
 def _channel(index: int) -> Callable[[np.ndarray], np.ndarray]:

@@ -165,6 +165,8 @@ def _plan_reflected_light(
     """How a light reaches what reflectors show, which may be anywhere. None when it lights nothing at all."""
     if light.strength == 0 or not math.isfinite(light.strength):
         return None
+    # passes may be switched off, light is not
+    light, settings = replace(light, is_wanted=True), replace(settings, omni_shadows=True, soft_shadows=True)
     everything = np.ones(len(snapshot.instances), bool)
     if light.casts_shadow and len(light_casters(snapshot, light)):
         planned = _plan_light(snapshot, light, pass_name, settings, bounds, everything, bounds.corners_ws.reshape(-1, 3))

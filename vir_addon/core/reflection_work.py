@@ -10,7 +10,7 @@ import numpy as np
 
 from ..device.interface import ComputeKernel, Device, Texture, TextureFormat
 from ..device.owned import Owned
-from .material_program import LUMINANCE
+from .material_program import LUMINANCE, typical_value
 from .pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, ReflectionStatistics
 from .passes.eye import EyePass, GBuffer
 from .passes.reflection_maps import ReflectionMaps
@@ -29,10 +29,10 @@ from .passes.reflections import (
 )
 from .passes.scene_data import SceneData
 from .passes.surface_data import SurfaceData
-from .passes.tiles import TILE_PX, Tiles, grid_shape, with_neighbours
+from .passes.tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
 from .plan import RenderPlan
-from .reflectors import PlannedReflections, typical_value
-from .sampling import stable_seed, unit_square_points
+from .reflectors import PlannedReflections
+from .sampling import shuffled_unit_square_points, stable_seed
 from .settings import ReflectionLookUp
 from .stopwatch import Stopwatch
 
@@ -58,9 +58,10 @@ class ReflectionWork:
         self._is_counted = False
         self.tiles_shown = np.zeros(grid_shape(width, height), bool)
         """(rows, columns) of the picture that show a reflector"""
-        points = unit_square_points(plan.batch_count * len(parts) * planned.bounces, stable_seed("reflection"))
-        self.samples = points.reshape(-1, planned.bounces, 2)
-        """of facets: (rounds, bounces, 2)"""
+        round_count = plan.batch_count * len(parts)
+        sequences = [shuffled_unit_square_points(round_count, stable_seed(f"reflection {k}")) for k in range(2 * planned.bounces)]
+        self.samples = np.stack(sequences, axis=1).reshape(round_count, 2, planned.bounces, 2)
+        """of facets and of directions that light comes from: (rounds, 2, bounces, 2)"""
         snapshot = scene_data.snapshot
         is_bright = snapshot.world is not None and max(snapshot.world.radiance) > 0
         self.has_surroundings = is_bright or any(typical_value(material.emission).max() > 0 for material in snapshot.materials)
@@ -88,8 +89,8 @@ class ReflectionWork:
                 [Hits(part, GBuffer(texture(), texture()), texture(), texture()) for _ in range(planned.bounces)] for part in parts
             ]
             self.sums = {name: owned.own(self.device.upload_texture(zeros)) for name in ("radiance_sums", "color_sums")}
+            self.tiles = Tiles(self.device, np.ones(self.tiles_shown.shape, bool))
             self._owned = owned.pop_all()
-        self.tiles = Tiles(self.device, np.ones(self.tiles_shown.shape, bool))
         self._lit_tiles: dict[int, Tiles] = {}
 
     def draw_maps(self, stopwatch: Stopwatch) -> None:
@@ -104,8 +105,9 @@ class ReflectionWork:
         padded = np.zeros((rows * TILE_PX, columns * TILE_PX), bool)
         padded[: pixels.shape[0], : pixels.shape[1]] = pixels
         self.tiles_shown = with_neighbours(padded.reshape(rows, TILE_PX, columns, TILE_PX).any(axis=(1, 3)))
+        tiles = Tiles(self.device, self.tiles_shown)
         self.tiles.release()
-        self.tiles = Tiles(self.device, self.tiles_shown)
+        self.tiles = tiles
 
     def lit_tiles(self, turn: int) -> Tiles:
         """The same tiles for RESOLVE. turn: as of TURN_DEFINES"""
@@ -124,7 +126,7 @@ class ReflectionWork:
         flags = ["BY_DIRECTION"] * (self.plan.settings.reflection_look_up is ReflectionLookUp.DIRECTION)
         seen = {**self.eye.buffers[part]._asdict(), "surfaces": self.eye.triangles[part]}
         for bounce, hits in enumerate(self.hits[part]):
-            place = self.samples[round_number % len(self.samples), bounce]
+            facet, light = self.samples[round_number % len(self.samples), :, bounce]
             self._walk(
                 self.device.compute_kernel(REFLECT, *["FROM_EYE"] * (bounce == 0)),
                 **self.scene_data.bindings,
@@ -135,8 +137,8 @@ class ReflectionWork:
                 instance_maps=self.instance_maps,
                 colors=self.colors[part],
                 bounce=bounce,
-                sample_x=place[0],
-                sample_y=place[1],
+                sample_x=facet[0],
+                sample_y=facet[1],
                 eye=self.eye.eye_table(offset),
             )
             seen = {**hits.buffer._asdict(), "surfaces": self.surfaces}
@@ -175,8 +177,8 @@ class ReflectionWork:
                     scatterings=hits.scatterings,
                     radiances=self.radiances[part],
                     bounce=bounce + self.planned.bounces,
-                    sample_x=place[1],
-                    sample_y=place[0],
+                    sample_x=light[0],
+                    sample_y=light[1],
                 )
 
     def _walk(self, kernel: ComputeKernel, **bindings: object) -> None:
@@ -194,6 +196,13 @@ class ReflectionWork:
         self.statistics.found_share = float(counts[REFLECTED_SURFACE] / max(ray_count, 1))
         self.statistics.by_direction_share = float(counts[REFLECTED_BY_DIRECTION] / max(ray_count, 1))
         self.statistics.left_share = float((counts[REFLECTED_NOTHING] + counts[REFLECTED_OUT_OF_VIEW]) / max(ray_count, 1))
+
+    def read_hits(self, hits: Hits) -> tuple[np.ndarray, np.ndarray]:
+        """(height, width, 4) positions and normals; what lies outside of the tiles was never written, and is background"""
+        width, height = self.size
+        positions = self.device.read(hits.buffer.positions).copy()
+        positions[~spread_to_pixels(self.tiles_shown, width, height)] = (0.0, 0.0, 0.0, -1.0)
+        return positions, self.device.read(hits.buffer.normals)
 
     @property
     def all_hits(self) -> Iterator[Hits]:

@@ -44,6 +44,12 @@ def _reach(bounds: SceneBounds, center_ws: np.ndarray) -> float:
     return 1.01 * float(np.linalg.norm(bounds.corners_ws.reshape(-1, 3) - center_ws, axis=1).max())
 
 
+def _shown(snapshot: SceneSnapshot) -> np.ndarray:
+    """(n,) int64 what reflectors show of the scene's instances"""
+    visible = snapshot.instances.visible_in_reflections
+    return np.arange(len(snapshot.instances)) if visible is None else np.flatnonzero(visible)
+
+
 def _cube(bounds: SceneBounds, center_ws: np.ndarray, near_m: float, side_px: int, instances: np.ndarray) -> ReflectionMap:
     reach_m = _reach(bounds, center_ws)
     return ReflectionMap(
@@ -61,7 +67,7 @@ def _cube(bounds: SceneBounds, center_ws: np.ndarray, near_m: float, side_px: in
 
 def cube_around_eye(snapshot: SceneSnapshot, bounds: SceneBounds, side_px: int) -> ReflectionMap:
     """Of a room of mirrors, which it sees as well."""
-    return _cube(bounds, snapshot.camera.world_from_view[:3, 3], 0.0, side_px, np.arange(len(snapshot.instances)))
+    return _cube(bounds, snapshot.camera.world_from_view[:3, 3], 0.0, side_px, _shown(snapshot))
 
 
 def cube_around(
@@ -77,7 +83,7 @@ def cube_around(
         toward = matrix[:3, 2] if snapshot.camera.is_orthographic else matrix[:3, 3] - center_ws
         center_ws = center_ws + TOWARDS_EYE_SHARE * radius_m * toward / np.linalg.norm(toward)
         radius_m *= 1 - TOWARDS_EYE_SHARE
-    return _cube(bounds, center_ws, INSCRIBED_SHARE * radius_m, side_px, np.setdiff1d(np.arange(len(snapshot.instances)), own))
+    return _cube(bounds, center_ws, INSCRIBED_SHARE * radius_m, side_px, np.setdiff1d(_shown(snapshot), own))
 
 
 def flat_plane(snapshot: SceneSnapshot, own: np.ndarray) -> np.ndarray | None:
@@ -117,14 +123,14 @@ def mirrored_view(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray,
     center_ws = eye_ws - 2 * height * plane[:3]
     right, up, backward = (mirrored @ camera.world_from_view[:3, :3]).T
     axes = np.stack([right, up, -backward])
-    return _view(snapshot, bounds, own, center_ws, axes, np.setdiff1d(np.arange(len(snapshot.instances)), own), facing)
+    return _view(snapshot, bounds, own, center_ws, axes, np.setdiff1d(_shown(snapshot), own), facing)
 
 
 def eye_view(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray) -> ReflectionMap:
     """The reflector as the eye sees it, alone: surfaces of it that show in others of it are mostly those that the eye sees."""
     matrix = snapshot.camera.world_from_view
     axes = np.stack([matrix[:3, 0], matrix[:3, 1], -matrix[:3, 2]])
-    return _view(snapshot, bounds, own, matrix[:3, 3], axes, own, None)
+    return _view(snapshot, bounds, own, matrix[:3, 3], axes, np.intersect1d(_shown(snapshot), own), None)
 
 
 def _view(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from .bounds import SceneBounds
-from .material import Combination, Constant, CornerValue, ImageSample, Material, MaterialInput
+from .material import Material
+from .material_program import typical_value
 from .passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX, ReflectionMap
 from .reflector_views import (
     MAX_MAP_PX,
@@ -64,22 +64,6 @@ class Reflector:
     def maps(self) -> list[ReflectionMap]:
         """each once"""
         return list({id(each): each for each in (self.seen, self.met, self.aside, self.itself) if each is not None}.values())
-
-
-def typical_value(value: MaterialInput) -> np.ndarray:
-    """(3,) float64: of a constant its value, of an image its mean, of what is computed from others what comes of theirs; 0.5 where
-    nothing is known before a place on the surface is."""
-    if isinstance(value, Constant):
-        return np.array(value.value, np.float64)
-    if isinstance(value, ImageSample):
-        texels = value.image.texels
-        step = max(1, math.isqrt(texels.shape[0] * texels.shape[1] // 4096))
-        mean = texels[::step, ::step].reshape(-1, texels.shape[2]).mean(axis=0) / (255 if texels.dtype == np.uint8 else 1)
-        return np.resize(mean[:3] if len(mean) > 2 else mean[:1], 3).astype(np.float64)
-    if isinstance(value, CornerValue):
-        return np.full(3, 0.5)
-    operands = [typical_value(operand) for operand in (value.operands if isinstance(value, Combination) else (value.operand,))]
-    return np.clip(np.mean(operands, axis=0), 0, 1)
 
 
 def reflects(material: Material) -> bool:
@@ -145,10 +129,6 @@ def _plan_reflector(
     covered_px = covered_size_px(snapshot, corners)
     reason = f"{covered_px[0]} x {covered_px[1]} px in the picture"
     side_px = cube_size_px(max(covered_px))
-    if eye_is_inside(snapshot, corners):
-        cube = cube_around_eye(snapshot, bounds, side_px)
-        reason += "; the eye is inside, so its cube is around the eye"
-        return Reflector(name, own, True, reason, "mvr", cube, cube, cube, None, covered_px)
     plane = flat_plane(snapshot, own)
     if plane is not None and not snapshot.camera.is_orthographic:
         view = mirrored_view(snapshot, bounds, own, plane)
@@ -156,6 +136,10 @@ def _plan_reflector(
             # what the mirrored view does not show: rays from other reflectors, and what lights the surfaces that it shows
             aside = cube_around(snapshot, bounds, own, min(side_px, ASIDE_MAP_PX))
             return Reflector(name, own, True, f"{reason}; flat: one mirrored view", "planar", view, aside, aside, None, covered_px)
+    if eye_is_inside(snapshot, corners):
+        cube = cube_around_eye(snapshot, bounds, side_px)
+        reason += "; the eye is inside, so its cube is around the eye"
+        return Reflector(name, own, True, reason, "mvr", cube, cube, cube, None, covered_px)
     seen = cube_around(snapshot, bounds, own, side_px, nearer_to_eye=True)
     met = cube_around(snapshot, bounds, own, side_px) if bounces > 1 else None
     itself = None

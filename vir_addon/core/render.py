@@ -246,8 +246,9 @@ class Renderer:
         all_positions, all_normals = [positions] * has_passes, [normals] * has_passes
         with self.stopwatch.stage("read-back"):
             for hits in reflections.hits[0]:
-                all_positions.append(self.device.read(hits.buffer.positions))
-                all_normals.append(self.device.read(hits.buffer.normals))
+                hit_positions, hit_normals = reflections.read_hits(hits)
+                all_positions.append(hit_positions)
+                all_normals.append(hit_normals)
         yield None
         return np.concatenate(all_positions), np.concatenate(all_normals)
 

@@ -54,10 +54,20 @@ def _second_sobol_dimension(index: np.ndarray) -> np.ndarray:
 
 def unit_square_points(count: int, seed: int) -> np.ndarray:
     """(count, 2) float64 in [0, 1): the first `count` points of a scrambled (0, 2)-sequence."""
-    index = np.arange(count, dtype=np.uint32)
+    return _scrambled_points(np.arange(count, dtype=np.uint32), seed)
+
+
+def _scrambled_points(index: np.ndarray, seed: int) -> np.ndarray:
     x = _owen_scramble(_reverse_bits(index), _mixed(seed, 1))
     y = _owen_scramble(_second_sobol_dimension(index), _mixed(seed, 2))
     return (np.stack([x, y], axis=-1).astype(np.float64) + 0.5) / 2.0**32
+
+
+def shuffled_unit_square_points(count: int, seed: int) -> np.ndarray:
+    """(count, 2) float64 in [0, 1): as `unit_square_points`, in an order of the seed's own. Of two that are used side by side, one says
+    nothing of the other; without that, the same points of both would lie in the same halves, quarters and so on."""
+    index = _owen_scramble(np.arange(count, dtype=np.uint32), _mixed(seed, 3))
+    return _scrambled_points(index, seed)
 
 
 def stable_seed(name: str) -> int:

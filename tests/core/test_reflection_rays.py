@@ -1,0 +1,109 @@
+"""What rays of reflections find, against integrals in float64 and against renders that must come to the same."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tests.core.test_reflections import box_colors, camera_rays, colored_box
+from tests.scenes import floor, matte, mirror, perspective_camera, point_light, rectangle, render_passes, rmse, snapshot
+from vir_addon.core.material import World
+from vir_addon.core.pass_set import REFLECTION_PASS_NAME
+from vir_addon.core.sampling import shuffled_unit_square_points
+from vir_addon.core.settings import Effect
+from vir_addon.device.interface import TextureFormat
+
+WIDTH, HEIGHT = 32, 18
+
+
+def rough_plate_truth(camera, height_m, half_m, roughness):
+    """(HEIGHT, WIDTH, 3) float64 mean radiance over the GGX lobe of a plate within a coloured box: facets by their distribution, weighted
+    by Smith's height-correlated masking."""
+    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
+    at = eye + ((height_m - eye[2]) / directions[..., 2])[..., None] * directions
+    width = roughness**2
+    u, turn = np.meshgrid((np.arange(96) + 0.5) / 96, (np.arange(96) + 0.5) / 96 * 2 * np.pi, indexing="ij")
+    tangent = width * np.sqrt(u / (1 - u))
+    facets = np.stack([tangent * np.cos(turn), tangent * np.sin(turn), np.ones_like(u)], axis=-1).reshape(-1, 3)
+    facets /= np.linalg.norm(facets, axis=1, keepdims=True)
+    truth = np.zeros((HEIGHT, WIDTH, 3))
+    for place in np.ndindex(HEIGHT, WIDTH):
+        view = -directions[place]
+        along = facets @ view
+        outgoing = 2 * along[:, None] * facets - view
+        counts = (along > 0) & (outgoing[:, 2] > 1e-3)
+
+        def smith(cosine):
+            return (np.sqrt(1 + (width / cosine) ** 2 * (1 - cosine**2)) - 1) / 2
+
+        cosine = np.where(counts, outgoing[:, 2], 1.0)
+        weights = np.where(counts, along / (view[2] * facets[:, 2]) / (1 + smith(view[2]) + smith(cosine)), 0.0)
+        colors, _ = box_colors(at[place], outgoing[counts], half_m)
+        truth[place] = weights[counts] @ colors / weights.sum()
+    return truth
+
+
+def test_rough_surfaces_show_their_whole_lobe_with_any_number_of_bounces(device):
+    """Where there is nothing else that reflects, more bounces change nothing but the samples."""
+    half_m, roughness = 2.0, 0.3
+    walls, materials = colored_box(half_m)
+    plate = rectangle("plate", (-1.9, -1.9, -1.5), (3.8, 0, 0), (0, 3.8, 0))
+    camera = perspective_camera((0.0, -0.8, 0.6), (0.0, 0.3, -1.5), WIDTH, HEIGHT, 0.5)
+    scene = snapshot([*walls, plate], [], camera, WIDTH, HEIGHT, materials=[*materials, mirror(roughness=roughness)], world=World())
+    truth = rough_plate_truth(camera, -1.5, half_m, roughness)
+    errors = [
+        rmse(render_passes(scene, device, effects=(Effect.REFLECTION,), bounces=bounces)[REFLECTION_PASS_NAME], truth) for bounces in (1, 2)
+    ]
+    assert max(errors) < 0.04, errors
+
+
+def test_shuffled_sequences_say_nothing_of_each_other():
+    points = [shuffled_unit_square_points(4096, seed) for seed in range(4)]
+    for each in points:
+        # any aligned run is as well spread as the sequence it comes from
+        assert len(set(map(tuple, (each[:64] * 8).astype(int).tolist()))) == 64
+    columns = np.concatenate(points, axis=1)
+    assert np.abs(np.corrcoef(columns.T) - np.eye(8)).max() < 0.08
+
+
+@pytest.mark.parametrize("is_wanted", [True, False])
+def test_lights_without_a_pass_light_what_reflectors_show(device, is_wanted):
+    """An artist who switches a light's shadow pass off does not switch the light off."""
+    light = point_light(eye=(0.5, 0.0, 2.0), radius_m=0.0, strength=10.0, strength_rgb=(12.0, 10.0, 4.0))
+    camera = perspective_camera((0.0, -4.0, 1.5), (0.0, 0.0, 0.8), WIDTH, HEIGHT, 0.3)
+    wall = rectangle("wall", (-2, 2, -0.5), (4, 0, 0), (0, 0, 4))
+    materials = [matte((0.7, 0.5, 0.3)), mirror()]
+    lit, switched_off = (
+        snapshot([floor(6.0), wall], [each], camera, WIDTH, HEIGHT, materials=materials, world=World())
+        for each in (light, dataclasses.replace(light, is_wanted=is_wanted))
+    )
+    settings = {"effects": (Effect.REFLECTION,), "reflection_sample_count": 2, "view_count": 1}
+    expected = render_passes(lit, device, **settings)[REFLECTION_PASS_NAME]
+    assert expected.max() > 0.1
+    found = render_passes(switched_off, device, **settings, omni_shadows=is_wanted)[REFLECTION_PASS_NAME]
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_what_nobody_wrote_is_read_by_nobody(device, monkeypatch):
+    """New textures hold anything: lights must not be fitted to it."""
+    light = point_light(eye=(0.5, 0.0, 2.0), radius_m=0.0, strength=10.0)
+    camera = perspective_camera((0.0, -4.0, 1.5), (0.0, 0.0, 0.8), 64, 36, 0.6)
+    wall = rectangle("wall", (-0.5, 2, 0.2), (1, 0, 0), (0, 0, 1))
+    shade = rectangle("shade", (-0.5, -0.5, 1.0), (1.0, 0, 0), (0, 1.0, 0))
+    materials = [matte((0.7, 0.5, 0.3)), matte((0.1, 0.1, 0.1)), mirror()]
+    scene = snapshot([floor(6.0), shade, wall], [light], camera, 64, 36, materials=materials, world=World())
+    settings = {"effects": (Effect.REFLECTION,), "reflection_sample_count": 2, "view_count": 1, "bounces": 2}
+    expected = render_passes(scene, device, **settings)[REFLECTION_PASS_NAME]
+    assert expected.max() > 0.1
+    create = device.create_texture
+
+    def create_used(width, height, texture_format):
+        texture = create(width, height, texture_format)
+        if texture_format is TextureFormat.RGBA32F:
+            device.fill(texture, int(np.float32(1e4).view(np.uint32)))
+        return texture
+
+    monkeypatch.setattr(device, "create_texture", create_used)
+    np.testing.assert_array_equal(render_passes(scene, device, **settings)[REFLECTION_PASS_NAME], expected)
