@@ -103,6 +103,17 @@ def test_saving_keeps_the_last_frame_that_was_made(animated, tmp_path):
     assert np.abs(saved.reshape(HEIGHT, WIDTH, 4)[..., 0] - expected).max() > 0.5
 
 
+def test_images_change_on_the_main_thread_where_blender_goes_on_drawing(animated, monkeypatch):
+    animated.vir.use_on_render = True
+    asked = []
+    monkeypatch.setattr(devices, "on_main_thread", lambda function: asked.append(function()))
+    bpy.ops.render.render()
+    assert not asked
+    animated.render.use_lock_interface = False
+    bpy.ops.render.render()
+    assert len(asked) == 1 and PASS in asked[0]
+
+
 def test_another_engine_too(animated, tmp_path):
     compose(animated)
     animated.render.engine = "CYCLES"

@@ -5,7 +5,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from vir_addon import blender  # noqa: E402  (bpy decides whether this file runs)
-from vir_addon.blender import presets, properties  # noqa: E402
+from vir_addon.blender import panels, presets, properties  # noqa: E402
 from vir_addon.core.settings import Settings  # noqa: E402
 from vir_addon.resources import preset_folder  # noqa: E402
 
@@ -66,3 +66,8 @@ def test_users_add_and_remove_their_own(registered, tmp_path, monkeypatch):
     assert (registered.vir.view_count, registered.vir.method) == (40, "IVIR")
     bpy.ops.vir.preset_add(name="Mine", remove_name=True)
     assert not written.exists()
+
+
+def test_what_the_panel_shows_for_a_method_is_in_every_preset():
+    shown = {name for names in panels.METHOD_PROPERTIES.values() for name in names}
+    assert shown and shown <= set(presets.PRESET_PROPERTIES)

@@ -252,3 +252,10 @@ def test_disabling_while_it_runs(scene, viewport):
     running.unregister()
     assert is_at_work() == {False}
     running.register()
+
+
+def test_an_unexpected_error_is_printed_once(capsys):
+    told = ""
+    for _ in range(3):
+        told = running._problem_text(ValueError("odd"), told)
+    assert capsys.readouterr().err.count("ValueError: odd") == 1 and "ValueError: odd" in told

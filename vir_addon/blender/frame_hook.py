@@ -6,6 +6,7 @@ renders; what is written into images then reaches the compositor's image nodes. 
 
 from __future__ import annotations
 
+import contextlib
 import time
 import traceback
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from typing import Any
 
 import bpy
 
-from ..core.errors import VirError
+from ..core.errors import DeviceError, VirError
 from ..core.plan import plan, settings_for
 from ..core.settings import Effect
 from . import devices, frame_state
@@ -73,7 +74,8 @@ def render_frame(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
         if not isinstance(error, VirError):
             traceback.print_exception(error)
         print(f"VIR: frame {scene.frame_current}, {depsgraph.view_layer.name}: {frame_state.note_problem(scene, error)}")
-        mark_missing(scene.name)
+        with contextlib.suppress(DeviceError):
+            _change_images(scene, partial(mark_missing, scene.name))
 
 
 def render_layer(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
@@ -98,8 +100,17 @@ def render_layer(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None
     if render.error is not None:
         raise render.error
     is_first = layer_name == rendered_view_layers(scene)[0].name
-    write_images(render.layers[layer_name], pack=False, scene_name=scene.name, layer_name=None if is_first else layer_name)
+    write = partial(write_images, pack=False, scene_name=scene.name, layer_name=None if is_first else layer_name)
+    _change_images(scene, partial(write, render.layers[layer_name]))
     frame_state.note_layer(scene, made, render.layers[layer_name], time.perf_counter() - start, is_first=is_first)
+
+
+def _change_images(scene: bpy.types.Scene, change: Callable[[], object]) -> None:
+    """From whichever thread renders; where Blender goes on drawing meanwhile, between two redraws."""
+    if scene.render.use_lock_interface:
+        change()
+    else:
+        devices.on_main_thread(change)
 
 
 def reasons_against_frames(scene: bpy.types.Scene) -> list[str]:

@@ -39,10 +39,10 @@ class VIR_UL_lights(bpy.types.UIList):
         row = layout.row(align=True)
         row.prop(item.data.vir, "use_pass", text="")
         split = row.split(factor=0.32, align=True)
-        split.label(text=item.name, icon=LIGHT_ICONS.get(item.data.type, "LIGHT"))
+        split.label(text=item.name, translate=False, icon=LIGHT_ICONS.get(item.data.type, "LIGHT"))
         text = split.row()
         text.active = item.data.vir.use_pass
-        text.label(text=decision_text(state_of(context.scene), item.name))
+        text.label(text=decision_text(state_of(context.scene), item.name), translate=False)
 
     def filter_items(self, context: Any, data: Any, property_name: str) -> tuple[list[int], list[int]]:
         objects = getattr(data, property_name)
@@ -134,7 +134,7 @@ def _draw_light(layout: Any, context: Any, state: SceneState) -> None:
         return
     box = layout.box()
     wishes = chosen.data.vir
-    box.label(text=chosen.name, icon=LIGHT_ICONS.get(chosen.data.type, "LIGHT"))
+    box.label(text=chosen.name, translate=False, icon=LIGHT_ICONS.get(chosen.data.type, "LIGHT"))
     row = box.row()
     row.active = wishes.use_pass
     row.prop(wishes, "use_own_views")
@@ -161,7 +161,7 @@ class _Reflectors:
         state = state_of(scene)
         chosen = context.object
         if chosen is not None:
-            layout.prop(chosen.vir, "reflector", text=chosen.name)
+            layout.prop(chosen.vir, "reflector", text=chosen.name, translate=False)
         for name, (runs, how) in state.reflectors.items():
             _draw_text(layout, context, f"{name}: {how}", "CHECKMARK" if runs else "X")
         if not state.reflectors:
@@ -230,13 +230,13 @@ class _Notes:
 
 
 def _draw_text(layout: Any, context: Any, text: str, icon: str) -> None:
-    """As many lines as the region's width asks for: Blender cuts labels off."""
+    """As many lines as the region's width asks for: Blender cuts labels off. Not translated: there are names in it."""
     scale = context.preferences.system.ui_scale * LETTER_WIDTH_PX
     letters = max(int((context.region.width / scale if context.region else 0) - 8), FEWEST_LETTERS)
     column = layout.column(align=True)
     column.scale_y = 0.8
     for number, line in enumerate(textwrap.wrap(text, letters)):
-        column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
+        column.label(text=line, translate=False, icon="BLANK1" if number and icon != "NONE" else icon)
 
 
 def _make_panels() -> list[type]:

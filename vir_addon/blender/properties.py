@@ -87,6 +87,10 @@ def _set_active_light(group: VIR_SceneSettings, index: int) -> None:
     group.active_light = objects[index].name if 0 <= index < len(objects) else ""
 
 
+def _light_names(group: VIR_SceneSettings, _context: Any, typed: str) -> list[str]:
+    return [item.name for item in group.id_data.objects if item.type == "LIGHT" and typed.casefold() in item.name.casefold()]
+
+
 def _lock_interface(group: VIR_SceneSettings, context: bpy.types.Context) -> None:
     # Blender asks for it where handlers change what it may be drawing at that moment
     if group.use_on_render:
@@ -283,11 +287,10 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
         default="MULTIPLY",
         update=_redraw_viewports,
     )
-    preview_light: bpy.props.PointerProperty(
+    preview_light: bpy.props.StringProperty(
         name="Light",
         description="The light whose pass the preview shows. Empty: all lights together",
-        type=bpy.types.Object,
-        poll=lambda _, candidate: candidate.type == "LIGHT",
+        search=_light_names,
         update=_redraw_viewports,
     )
     preview_slice_ms: bpy.props.FloatProperty(

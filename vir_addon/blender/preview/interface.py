@@ -52,6 +52,10 @@ class VIR_PT_preview(bpy.types.Panel):
         column.prop(wishes, "preview_display")
         column.prop(wishes, "preview_light")
         column.prop(wishes, "preview_slice_ms")
+        if wishes.use_reflections:
+            layout.label(text="Shadows only: no reflections yet", icon="INFO")
+        if wishes.device == "MODERNGL":
+            layout.label(text="With Blender's own graphics", icon="INFO")
         if wishes.use_preview and not context.space_data.overlay.show_overlays:
             layout.label(text="This viewport shows no overlays", icon="INFO")
 

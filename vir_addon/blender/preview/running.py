@@ -18,7 +18,7 @@ import bpy
 import numpy as np
 
 from ...core.errors import DeviceError, VirError
-from ...core.settings import Settings
+from ...core.settings import Effect, Settings
 from .. import devices
 from ..frame_state import is_rendering
 from ..mesh_cache import MeshCache
@@ -58,6 +58,10 @@ class Shown:
     """there is something that was not drawn yet"""
 
     @property
+    def leaves_out_reflections(self) -> bool:
+        return self.stuck_settings is not None and Effect.REFLECTION in self.stuck_settings.effects
+
+    @property
     def is_busy(self) -> bool:
         return not self.is_stuck and (self.preview is None or not self.preview.is_done)
 
@@ -75,6 +79,8 @@ class _Running:
     executor: ThreadPoolExecutor | None = None
     turn: int = 0
     """of the viewports, one is served a tick"""
+    told: str = ""
+    """what went wrong last in a viewport that shows nothing yet"""
     redraw_s: float = 0.0
     """that Blender took until it came again, after a redraw had been asked for"""
     asked_s: float = 0.0
@@ -153,8 +159,13 @@ def _draw() -> None:
         _draw_region(context)
     except Exception as error:
         shown = _running.viewports.get(context.region.as_pointer())
-        if shown is not None:
-            _give_up(shown, error)
+        if shown is None:
+            _running.told = _problem_text(error, _running.told)
+            return
+        before = shown.problem
+        _give_up(shown, error)
+        if shown.problem != before:
+            context.region.tag_redraw()  # so that it is seen
 
 
 def _draw_region(context: bpy.types.Context) -> None:
@@ -171,8 +182,8 @@ def _draw_region(context: bpy.types.Context) -> None:
     shown = _look(address, (scene.session_uid, context.view_layer.name), view)
     preview = shown.preview
     if preview is not None:
-        light = scene.vir.preview_light
-        preview.render.light_name = None if light is None else light.name
+        chosen = scene.vir.preview_light
+        preview.render.light_name = chosen if chosen in scene.objects else None  # it may have been deleted
         if shown.is_busy:
             _wake()
         display = Display[scene.vir.preview_display]
@@ -218,7 +229,8 @@ def status_text(shown: Shown) -> str:
     error = f"error {standing.error_estimate:.3f}" if standing.error_estimate < 1 else "error unknown"
     size = shown.preview.level.pixel_size
     coarse = f", 1/{size} resolution" if size > 1 else ""
-    return f"VIR: {standing.views_done} of {standing.views_total} views, {error}, {standing.busy_ms:.0f} ms{coarse}"
+    left_out = ", without reflections" if shown.leaves_out_reflections else ""
+    return f"VIR: {standing.views_done} of {standing.views_total} views, {error}, {standing.busy_ms:.0f} ms{coarse}{left_out}"
 
 
 # time
@@ -282,15 +294,23 @@ def _serve(address: int, shown: Shown, region: bpy.types.Region) -> None:
 
 def _give_up(shown: Shown, error: Exception) -> None:
     """Until something changes."""
-    if not isinstance(error, VirError):
-        traceback.print_exception(error)
-    shown.problem = str(error) if isinstance(error, VirError) else f"internal error, see the console: {type(error).__name__}: {error}"
+    shown.problem = _problem_text(error, shown.problem)
     shown.is_stuck = True
     if shown.preview is not None and isinstance(error, DeviceError):
         devices.drop_device(shown.preview.render.device)
         with contextlib.suppress(Exception):
             shown.preview.close()
         shown.preview = None
+
+
+def _problem_text(error: Exception, told: str) -> str:
+    """In words for the viewport. What nobody expected is printed too, unless it has been told before: it comes with every redraw."""
+    if isinstance(error, VirError):
+        return str(error)
+    text = f"internal error, see the console: {type(error).__name__}: {error}"
+    if text != told:
+        traceback.print_exception(error)
+    return text
 
 
 def _advance(shown: Shown, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> bool:
