@@ -68,3 +68,22 @@ def test_a_leaning_mirror_is_flat_though_the_eye_is_within_its_box():
     camera = perspective_camera((0.0, -1.0, 2.0), (0.0, 1.0, 2.5), WIDTH, HEIGHT, 0.6)
     scene = snapshot([floor(4.0), glass], [], camera, WIDTH, HEIGHT, materials=[matte(), mirror()], world=World())
     assert [each.method_text for each in reflectors_of(scene).reflectors] == ["planar"]
+
+
+def test_reflectors_behind_the_camera_call_for_no_second_bounce():
+    balls = [box(f"ball {k}", (0.2 * k, 1.0 if k == 0 else -8.0, 0.5), (0.5, 0.5, 0.5)) for k in range(20)]
+    camera = perspective_camera((0.5, -3.0, 1.5), (0, 1, 0.4), WIDTH, HEIGHT, 0.6)
+    scene = snapshot([floor(9.0), *balls], [], camera, WIDTH, HEIGHT, materials=[matte(), *[mirror()] * 20], world=World())
+    found = reflectors_of(scene)
+    assert found.bounces == 1
+    assert [each.name for each in found.reflectors if each.runs] == ["ball 0"]
+
+
+def test_small_reflectors_share_a_line_and_have_no_maps():
+    rails = [box(f"rail {k}", (0.02 * (k % 103) - 1, 0.1 * (k // 103), 0.5), (0.002, 0.002, 0.02)) for k in range(309)]
+    ball = box("ball", (0, 1, 0.5), (0.5, 0.5, 0.5))
+    camera = perspective_camera((0.5, -3.0, 1.5), (0, 1, 0.4), WIDTH, HEIGHT, 0.6)
+    scene = snapshot([*rails, ball], [], camera, WIDTH, HEIGHT, materials=[mirror()] * 310, world=World())
+    found = reflectors_of(scene)
+    assert [(each.name, each.runs) for each in found.reflectors] == [("ball", True), ("309 small reflectors", False)]
+    assert (found.instance_maps(310)[:309] == -1).all()

@@ -19,8 +19,6 @@ from .scene import Camera, Light, LightShape, SceneSnapshot
 from .settings import Effect, Hardware, Method, PointGeneration, PointStorage, Settings
 from .views import light_axes
 
-DEFAULT_BOUNCES = 2
-"""where a scene has reflectors that may show in each other"""
 REFLECTION_SAMPLES_PER_BATCH = 2
 """each keeps a G-buffer for every bounce"""
 MIN_EYE_SAMPLES = 8
@@ -149,14 +147,9 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
 
 
 def _plan_reflections(snapshot: SceneSnapshot, settings: Settings, bounds: SceneBounds, in_picture: np.ndarray) -> PlannedReflections:
-    bounces = settings.bounces or DEFAULT_BOUNCES
-    reflectors = tuple(choose_reflectors(snapshot, bounds, settings, in_picture, bounces))
-    if settings.bounces is None and sum(reflector.runs for reflector in reflectors) < 2:
-        # nothing to see itself in
-        bounces = 1
-        reflectors = tuple(choose_reflectors(snapshot, bounds, settings, in_picture, bounces))
-    planned = PlannedReflections(reflectors, bounces)
-    return replace(planned, predicted_ms=cost.reflections_ms(snapshot, settings, planned, MAX_EYE_SAMPLES)) if planned.runs else planned
+    planned = choose_reflectors(snapshot, bounds, settings, in_picture)
+    predicted_ms = cost.reflections_ms(snapshot, settings, planned, settings.reflection_sample_count) if planned.runs else 0.0
+    return replace(planned, predicted_ms=predicted_ms)
 
 
 def _plan_reflected_light(

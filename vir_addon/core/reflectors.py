@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,6 +26,12 @@ from .reflector_views import (
 from .scene import SceneSnapshot
 from .settings import Settings
 
+DEFAULT_BOUNCES = 2
+"""where several reflectors in the picture may show in each other"""
+MAX_REFLECTORS = 64
+"""Each draws the scene up to six times."""
+MIN_PICTURE_SHARE = 0.001
+"""of the picture, which the box around a reflector must cover for it to have a map"""
 MAX_METAL_ROUGHNESS = 0.5
 MAX_DIELECTRIC_ROUGHNESS = 0.3
 """Rougher surfaces show no shapes: what they reflect is a part of how they are lit, which other renderers' diffuse light stands for."""
@@ -94,16 +101,43 @@ def reflecting_instances(snapshot: SceneSnapshot) -> np.ndarray:
     return found
 
 
-def choose_reflectors(
-    snapshot: SceneSnapshot, bounds: SceneBounds, settings: Settings, in_picture: np.ndarray, bounces: int
-) -> list[Reflector]:
+def choose_reflectors(snapshot: SceneSnapshot, bounds: SceneBounds, settings: Settings, in_picture: np.ndarray) -> PlannedReflections:
     """All reflectors of the scene with what is drawn for each. in_picture: (instance_count,) bool"""
-    is_reflecting = reflecting_instances(snapshot)
+    groups = _grouped(snapshot, np.flatnonzero(reflecting_instances(snapshot)))
+    chosen, left_out = _with_own_maps(snapshot, bounds, groups, in_picture)
+    seen_count = sum(in_picture[own].any() and _extent(bounds, own) > 0 for own in chosen)
+    # a single one has nothing to see itself in
+    bounces = settings.bounces or (DEFAULT_BOUNCES if seen_count > 1 else 1)
     found = []
-    for own in _grouped(snapshot, np.flatnonzero(is_reflecting)):
+    for own in chosen:
         name = snapshot.instances.object_names[snapshot.instances.object_index[own[0]]]
         found.append(_plan_reflector(snapshot, bounds, name, own, bool(in_picture[own].any()), bounces))
-    return _within_memory(found, settings)
+    if left_out:
+        reason = f"skipped: each covers less than {MIN_PICTURE_SHARE:.1%} of the picture, or {MAX_REFLECTORS} others cover more"
+        found.append(Reflector(f"{len(left_out)} small reflectors", np.concatenate(left_out), runs=False, reason=reason))
+    return PlannedReflections(tuple(_within_memory(found, settings)), bounces)
+
+
+def _with_own_maps(
+    snapshot: SceneSnapshot, bounds: SceneBounds, groups: list[np.ndarray], in_picture: np.ndarray
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Those that are worth maps of their own, in the scene's order, at most MAX_REFLECTORS; and the others. In the picture those that
+    cover most of it come first, then the largest that may show in others."""
+    least_px = MIN_PICTURE_SHARE * snapshot.width_px * snapshot.height_px
+    ranks = []
+    for number, own in enumerate(groups):
+        corners = bounds.corners_ws[own].reshape(-1, 3)
+        covered = math.prod(covered_size_px(snapshot, corners)) if in_picture[own].any() else 0
+        if in_picture[own].any() and _extent(bounds, own) > 0 and covered < least_px:
+            continue
+        ranks.append((-covered, -_extent(bounds, own), number))
+    chosen = sorted(number for *_, number in sorted(ranks)[:MAX_REFLECTORS])
+    left_out = sorted(set(range(len(groups))) - set(chosen))
+    return [groups[number] for number in chosen], [groups[number] for number in left_out]
+
+
+def _extent(bounds: SceneBounds, own: np.ndarray) -> float:
+    return float(np.ptp(bounds.corners_ws[own].reshape(-1, 3), axis=0).max())
 
 
 def _grouped(snapshot: SceneSnapshot, indices: np.ndarray) -> list[np.ndarray]:
@@ -119,7 +153,7 @@ def _plan_reflector(
     snapshot: SceneSnapshot, bounds: SceneBounds, name: str, own: np.ndarray, is_in_picture: bool, bounces: int
 ) -> Reflector:
     corners = bounds.corners_ws[own].reshape(-1, 3)
-    if not np.ptp(corners, axis=0).max() > 0:
+    if not _extent(bounds, own) > 0:
         return Reflector(name, own, runs=False, reason="skipped: it has no size")
     if not is_in_picture and bounces < 2:
         return Reflector(name, own, runs=False, reason="skipped: not in the picture")

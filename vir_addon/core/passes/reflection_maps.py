@@ -160,17 +160,20 @@ class ReflectionMaps:
         self.device.run(self._draw)
 
     def _draw(self) -> None:
-        width = max(each.width_px for each in self.maps)
-        height = max(each.face_count * each.height_px for each in self.maps)
-        with Owned() as temporary:
-            visibility = temporary.own(self.device.create_texture(width, height, TextureFormat.RG32UI))
-            depth = temporary.own(self.device.create_texture(width, height, TextureFormat.DEPTH32F))
-            target = temporary.own(self.device.create_target(visibility, depth))
-            for number, each in enumerate(self.maps):
-                self.device.fill(visibility, 0)
-                self.device.fill(depth, 0)
-                self._rasterize(target, each)
-                self._store(visibility, number, each)
+        sizes = [(each.width_px, each.face_count * each.height_px) for each in self.maps]
+        for size in sorted(set(sizes)):
+            # cleared for every map: no larger than it is
+            with Owned() as temporary:
+                visibility = temporary.own(self.device.create_texture(*size, TextureFormat.RG32UI))
+                depth = temporary.own(self.device.create_texture(*size, TextureFormat.DEPTH32F))
+                target = temporary.own(self.device.create_target(visibility, depth))
+                for number, each in enumerate(self.maps):
+                    if sizes[number] != size:
+                        continue
+                    self.device.fill(visibility, 0)
+                    self.device.fill(depth, 0)
+                    self._rasterize(target, each)
+                    self._store(visibility, number, each)
 
     def _rasterize(self, target: RenderTarget, drawn: ReflectionMap) -> None:
         cut_out = self.scene_data.cut_out[drawn.instances]
