@@ -1,6 +1,9 @@
 """The buttons, pressed without a window: what they leave in the file, what they say when they cannot work."""
 
 import time
+from functools import partial
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -176,6 +179,24 @@ def test_switching_the_extension_off_ends_what_runs(room):
     frame_state.state_of(room).running = render = SteppedRender(operators.plan_frame(room), "moderngl")
     blender.unregister()
     assert render.is_done and not render.layers
+    blender.register()
+
+
+def test_switching_the_extension_off_ends_what_runs_in_a_window(room, monkeypatch):
+    """Blender forgets running operators of classes that go: nobody would take the timer and the status bar's text back."""
+    manager = SimpleNamespace(event_timer_remove=Mock(), progress_end=Mock(), windows=[])
+    context = SimpleNamespace(window_manager=manager, workspace=SimpleNamespace(status_text_set=Mock()))
+    monkeypatch.setattr(operators, "bpy", SimpleNamespace(context=context))
+    render = SteppedRender(operators.plan_frame(room), "moderngl")
+    running = SimpleNamespace(_render=render, _timer="timer")
+    running.cancel = partial(operators.VIR_OT_render.cancel, running)
+    running._end = partial(operators.VIR_OT_render._end, running)
+    operators._modal.append(running)
+    blender.unregister()
+    assert render.is_cancelled and not operators._modal
+    manager.event_timer_remove.assert_called_once_with("timer")
+    manager.progress_end.assert_called_once_with()
+    context.workspace.status_text_set.assert_called_once_with(None)
     blender.register()
 
 

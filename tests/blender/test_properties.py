@@ -214,6 +214,8 @@ def test_one_group_that_cannot_be_brought_up_to_date_leaves_the_others(registere
     monkeypatch.setitem(properties.MIGRATIONS, properties.VERSION - 1, refuse_the_first)
     open_file(path)
     assert [bpy.data.lights[name].vir.version for name in ("First", "Second")] == [properties.VERSION - 1, properties.VERSION]
+    save(tmp_path)
+    assert bpy.data.lights["First"].vir.version == properties.VERSION - 1, "to be tried again"
     assert "not understood" in capsys.readouterr().err
 
 

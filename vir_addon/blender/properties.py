@@ -452,6 +452,7 @@ def _bring_up_to_date(*_: Any) -> None:
 def _stamp(*_: Any) -> None:
     """Before saving. Groups that hold nothing stay that way: files without VIR are not touched by it."""
     for group in _versioned_groups():
-        is_ours = group.id_data.library is None and not is_newer(group)
-        if is_ours and stored_values(group).keys():
+        # others have their version: a newer one, or one that could not be brought up to date and is to be tried again
+        is_unstamped = group.id_data.library is None and group.version == 0
+        if is_unstamped and stored_values(group).keys():
             group.version = VERSION
