@@ -9,6 +9,7 @@ bpy = pytest.importorskip("bpy")
 
 from tests.blender.test_material_opacity import SQUARE, UVS, Nodes, image_of, square, with_uvs  # noqa: E402  (bpy decides)
 from vir_addon.blender import image_texels  # noqa: E402
+from vir_addon.blender.material_surface import SurfaceReader  # noqa: E402
 from vir_addon.core.material import CornerValue, ImageSample, Layer, LayerKind  # noqa: E402
 from vir_addon.core.material_program import evaluate_on_texels, sampled_images  # noqa: E402
 
@@ -210,6 +211,23 @@ def test_mixed_shaders_mix_their_lobes(add, look):
     assert value_of(found.diffuse) == (0.3, 0.15, 0.0) and value_of(found.metal_weight) == (0.25,) * 3
     assert value_of(found.metal) == (0.9, 0.8, 0.7) and value_of(found.roughness) == (0.2,) * 3
     assert not found.has_metal_fresnel and value_of(found.dielectric_weight) == (0.0,) * 3
+
+
+def test_shaders_that_many_share_are_read_once():
+    """2^30 ways through 30 nodes."""
+    nodes = Nodes()
+    last = colored(nodes, "BsdfDiffuse", (0.4, 0.2, 0.1))
+    for _ in range(30):
+        mix = nodes("MixShader")
+        for socket in mix.inputs[1:]:
+            nodes.link(last.outputs[0], socket)
+        last = mix
+    nodes.link(last.outputs[0], nodes.output.inputs["Surface"])
+    mesh = bpy.data.meshes.new("shared")
+    mesh.materials.append(nodes.material)
+    reader = SurfaceReader("CYCLES")
+    reader.material_set(bpy.data.objects.new("shared", mesh))
+    assert value_of(reader.materials[0].diffuse) == (0.4, 0.2, 0.1)
 
 
 def test_added_emission(add, look):

@@ -10,9 +10,11 @@ import pytest
 from tests.core.test_reflections import box_colors, camera_rays, colored_box
 from tests.scenes import floor, matte, mirror, perspective_camera, point_light, rectangle, render_passes, rmse, snapshot
 from vir_addon.core.material import World
-from vir_addon.core.pass_set import REFLECTION_PASS_NAME
+from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
+from vir_addon.core.plan import plan
+from vir_addon.core.render import render
 from vir_addon.core.sampling import shuffled_unit_square_points
-from vir_addon.core.settings import Effect
+from vir_addon.core.settings import Effect, Settings
 from vir_addon.device.interface import TextureFormat
 
 WIDTH, HEIGHT = 32, 18
@@ -107,3 +109,21 @@ def test_what_nobody_wrote_is_read_by_nobody(device, monkeypatch):
 
     monkeypatch.setattr(device, "create_texture", create_used)
     np.testing.assert_array_equal(render_passes(scene, device, **settings)[REFLECTION_PASS_NAME], expected)
+
+
+def test_hidden_reflectors_cost_no_maps(device):
+    """A mirror behind a wall is in the camera's view, and not in the picture."""
+    camera = perspective_camera((0.0, -4.0, 1.5), (0.0, 0.0, 0.8), WIDTH, HEIGHT, 0.3)
+    wall = rectangle("wall", (-3, 0, -0.5), (6, 0, 0), (0, 0, 6))
+    hidden = rectangle("hidden", (-1, 2, -0.5), (2, 0, 0), (0, 0, 2))
+    shown = rectangle("shown", (-0.5, -0.5, 0.5), (1, 0, 0), (0, 0.3, 1))
+    light = point_light(eye=(0.5, -2.0, 2.0), radius_m=0.0, strength=10.0)
+    settings = Settings(effects=(Effect.SHADOW, Effect.REFLECTION), reflection_sample_count=2, view_count=1, bounces=1)
+    for meshes, map_count in (([wall, hidden], 0), ([wall, hidden, shown], 2)):
+        materials = [matte(), *[mirror()] * (len(meshes) - 1)]
+        scene = snapshot(meshes, [light], camera, WIDTH, HEIGHT, materials=materials, world=World())
+        *_, progress = render(scene, plan(scene, settings), device)
+        found = progress.statistics.reflections
+        assert (found.map_count if found is not None else 0) == map_count
+        assert progress.passes[REFLECTION_COLOR_PASS_NAME].any() == (map_count > 0)
+        assert any("hidden behind" in note for note in progress.statistics.notes) == (map_count == 0)

@@ -222,6 +222,18 @@ class PlannedReflections:
     def runs(self) -> bool:
         return any(reflector.seen is not None for reflector in self.reflectors)
 
+    def without_hidden(self, is_seen: np.ndarray) -> PlannedReflections:
+        """Without the maps for what the eye sees of reflectors that it does not see. is_seen: (instance_count,) bool"""
+        reflectors = []
+        for reflector in self.reflectors:
+            if reflector.seen is None or is_seen[reflector.instances].any():
+                reflectors.append(reflector)
+                continue
+            met = reflector.met if self.bounces > 1 else None
+            reason = "skipped: hidden behind others" if met is None else "hidden from the eye, in the picture only within other reflectors"
+            reflectors.append(replace(reflector, runs=met is not None, reason=reason, seen=None, met=met, aside=None, itself=None))
+        return replace(self, reflectors=tuple(reflectors))
+
     def instance_maps(self, instance_count: int) -> np.ndarray:
         """(instance_count, 4) float32: numbers of the maps `seen`, `met`, `aside` and `itself`, -1: none"""
         numbers = {id(each): number for number, each in enumerate(self.maps)}

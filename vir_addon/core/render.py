@@ -117,7 +117,7 @@ class Renderer:
         self.snapshot, self.plan, self.device = snapshot, plan, device
         self.stopwatch = Stopwatch(device, on_stage)
         self.reflects = plan.reflections is not None and plan.reflections.runs
-        self.views_total = sum(planned.view_count for planned in self._planned_lights().values()) or plan.batch_count * self.reflects
+        self.views_total = self._count_views()
         self.offsets_px = pixel_offsets(snapshot.pixel_filter, plan.eye_sample_count)
         self.rounds_total = plan.batch_count * plan.eye_samples_per_batch
         """times that every light looks the picture up"""
@@ -169,7 +169,19 @@ class Renderer:
     def _planned_lights(self) -> dict[str, PlannedPass]:
         """Light name -> how its maps are made: as what reflectors show needs them, where they show anything."""
         in_picture = {planned.light_name: planned for planned in self.plan.passes if planned.runs}
-        return in_picture | {planned.light_name: planned for planned in self.plan.reflected_lights}
+        return in_picture | {planned.light_name: planned for planned in self.plan.reflected_lights if self.reflects}
+
+    def _count_views(self) -> int:
+        return sum(planned.view_count for planned in self._planned_lights().values()) or self.plan.batch_count * self.reflects
+
+    def _seen_instances(self, eye: EyePass) -> np.ndarray:
+        """(instance_count,) bool: in any of a batch's eye samples"""
+        is_seen = np.zeros(len(self.snapshot.instances), bool)
+        with self.stopwatch.stage("read-back"):
+            for buffer in eye.buffers:
+                numbers = self.device.read(buffer.positions)[..., 3]
+                is_seen[numbers[numbers >= 0].astype(np.int64)] = True
+        return is_seen
 
     @property
     def needs_eye(self) -> bool:
@@ -205,7 +217,7 @@ class Renderer:
     def _preparing_works(self, scene_data: SceneData, eye: EyePass, store: MapStore) -> Steps:
         shared = {work.planned.light_name: work for work in self.works}
         self.works = []
-        planned_lights = list(self._planned_lights().values())
+        planned_lights = self._planned_lights().values()
         new = [planned for planned in planned_lights if planned.light_name not in shared]
         if new or not shared:
             self._render_eye(eye, 0)
@@ -214,7 +226,14 @@ class Renderer:
             with self.stopwatch.stage("read-back"):
                 positions, normals = (self.device.read(texture) for texture in eye.buffers[0])
         if self.plan.reflections is not None and self.plan.reflections.runs:
-            positions, normals = yield from self._preparing_reflections(self.plan.reflections, scene_data, eye, positions, normals)
+            in_sight = self.plan.reflections.without_hidden(self._seen_instances(eye))
+            self.reflects = in_sight.runs
+            if self.reflects:
+                positions, normals = yield from self._preparing_reflections(in_sight, scene_data, eye, positions, normals)
+            else:
+                self.statistics.notes.append("nothing reflects: all reflectors are hidden behind other surfaces")
+                planned_lights = self._planned_lights().values()
+                self.views_total = self._count_views()
         lights = {light.name: light for light in self.snapshot.lights}
         has_pass = {planned.light_name for planned in self.plan.passes if planned.runs}
         for planned in planned_lights:
