@@ -9,7 +9,6 @@ bpy = pytest.importorskip("bpy")
 
 from tests.blender.test_material_opacity import SQUARE, UVS, Nodes, image_of, square, with_uvs  # noqa: E402  (bpy decides)
 from vir_addon.blender import image_texels  # noqa: E402
-from vir_addon.blender.material_surface import SurfaceReader  # noqa: E402
 from vir_addon.core.material import CornerValue, ImageSample, Layer, LayerKind  # noqa: E402
 from vir_addon.core.material_program import evaluate_on_texels, sampled_images  # noqa: E402
 
@@ -213,7 +212,7 @@ def test_mixed_shaders_mix_their_lobes(add, look):
     assert not found.has_metal_fresnel and value_of(found.dielectric_weight) == (0.0,) * 3
 
 
-def test_shaders_that_many_share_are_read_once():
+def test_shaders_that_many_share_are_read_once(add, look):
     """2^30 ways through 30 nodes."""
     nodes = Nodes()
     last = colored(nodes, "BsdfDiffuse", (0.4, 0.2, 0.1))
@@ -223,11 +222,8 @@ def test_shaders_that_many_share_are_read_once():
             nodes.link(last.outputs[0], socket)
         last = mix
     nodes.link(last.outputs[0], nodes.output.inputs["Surface"])
-    mesh = bpy.data.meshes.new("shared")
-    mesh.materials.append(nodes.material)
-    reader = SurfaceReader("CYCLES")
-    reader.material_set(bpy.data.objects.new("shared", mesh))
-    assert value_of(reader.materials[0].diffuse) == (0.4, 0.2, 0.1)
+    square(add, nodes)
+    assert value_of(only_material(look()).diffuse) == (0.4, 0.2, 0.1)
 
 
 def test_added_emission(add, look):

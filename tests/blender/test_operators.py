@@ -16,6 +16,7 @@ from vir_addon.blender.images import scene_images  # noqa: E402
 from vir_addon.blender.properties import settings_of  # noqa: E402
 from vir_addon.blender.stepped_render import SteppedRender  # noqa: E402
 from vir_addon.core.errors import DeviceError, SceneError  # noqa: E402
+from vir_addon.core.plan import settings_for  # noqa: E402
 
 
 @pytest.fixture
@@ -47,9 +48,9 @@ def refuse(operator, words):
 
 def test_render_leaves_the_same_passes_as_the_one_room_of_all_front_ends(room):
     assert bpy.ops.vir.render() == {"FINISHED"}
-    (wanted,) = (
-        job.run(one, devices.get_device("moderngl")) for one in job.frame_jobs(room, room.frame_current, settings_of(room)).values()
-    )
+    device = devices.get_device("moderngl")
+    settings = settings_for(device, settings_of(room))
+    (wanted,) = (job.run(one, device) for one in job.frame_jobs(room, room.frame_current, settings).values())
     images = scene_images(room.name)
     assert set(images) == set(wanted.images) == {"VIR Shadow", "VIR Shadow Key", "VIR Shadow Lamp", "VIR Shadow Fill"}
     for name, pixels in wanted.images.items():

@@ -108,7 +108,7 @@ class MaterialReader:
         if volume.is_linked and not surface.is_linked:
             self.left_out.append(LeftOut(f"material {material.name}", "is a volume, which VIR cannot render yet: it casts nothing"))
             return self._result(material, None, None)
-        opacity = _shader_opacity(NodeInput(surface))
+        opacity = _shader_opacity(NodeInput(surface), {})
         if opacity.texture is None:
             value = opacity.constant
             assert value is not None
@@ -153,9 +153,19 @@ class MaterialReader:
 # shaders
 
 
-def _shader_opacity(shader: NodeInput) -> _Scalar:  # noqa: PLR0911  one a kind of node
+def _shader_opacity(shader: NodeInput, read: dict[tuple[int, ...], _Scalar]) -> _Scalar:
+    """read: what was found so far, by node and the groups it is in: many nodes may share one"""
     node, _, here = shader.source()
-    match node.type if node is not None else None:
+    if node is None:
+        return _constant(1.0)
+    place = (node.as_pointer(), *(group.as_pointer() for group in here.groups))
+    if place not in read:
+        read[place] = _node_opacity(node, here, read)
+    return read[place]
+
+
+def _node_opacity(node: bpy.types.Node, here: NodeInput, read: dict[tuple[int, ...], _Scalar]) -> _Scalar:  # noqa: PLR0911  one a kind of node
+    match node.type:
         case "BSDF_PRINCIPLED":
             return _combined(lambda a: np.clip(a, 0.0, 1.0), _scalar(here.of(node, "Alpha")))
         case "EEVEE_SPECULAR":
@@ -166,13 +176,13 @@ def _shader_opacity(shader: NodeInput) -> _Scalar:  # noqa: PLR0911  one a kind 
                 raise UnreadableNodes("the colour that a Transparent BSDF gets from other nodes")
             return _constant(1.0 - min(float(np.dot(color.source()[2].socket.default_value[:3], LUMINANCE)), 1.0))
         case "MIX_SHADER":
-            first, second = (_shader_opacity(here.of(node, identifier)) for identifier in ("Shader", "Shader_001"))
+            first, second = (_shader_opacity(here.of(node, identifier), read) for identifier in ("Shader", "Shader_001"))
             if first.constant is not None and first.constant == second.constant:
                 return first  # whatever the factor
             factor = _combined(lambda f: np.clip(f, 0.0, 1.0), _scalar(here.of(node, "Fac")))
             return _combined(lambda f, a, b: (1.0 - f) * a + f * b, factor, first, second)
         case "ADD_SHADER":
-            first, second = (_shader_opacity(here.of(node, identifier)) for identifier in ("Shader", "Shader_001"))
+            first, second = (_shader_opacity(here.of(node, identifier), read) for identifier in ("Shader", "Shader_001"))
             return _combined(lambda a, b: np.clip(a + b - 1.0, 0.0, 1.0), first, second)
     return _constant(1.0)
 

@@ -29,6 +29,8 @@ AUTO_METHODS = (Method.MICRO, Method.MVR, Method.IVIR)
 """What `auto` chooses from; the others are there to be compared with these, and were nowhere measured to be faster."""
 GPU_AUTO_METHODS = (Method.HYBRID,)
 """and from these on a GPU: three times as fast as any of the others where there are far more triangles than texels"""
+POINTS_HANDICAP = 1.25
+"""of these: maps that hold points as well take four look-ups where others take one"""
 NO_MAP_REASON = "no map needed: nothing casts a shadow on what is in the picture"
 
 MIN_EYE_SAMPLE_VIEWS = 4
@@ -287,7 +289,8 @@ def _plan_light(
     if settings.method is Method.AUTO:
         # what the rasterizer draws into splatted maps loses half a texel at every outline, and lace is nothing but outlines
         methods = AUTO_METHODS + GPU_AUTO_METHODS * (settings.hardware is Hardware.GPU)
-        method = min((m for m in methods if not (has_cut_outs and m.shrinks_cut_outs)), key=lambda m: estimates[m])
+        handicap = {m: POINTS_HANDICAP if m in GPU_AUTO_METHODS else 1.0 for m in methods}
+        method = min((m for m in methods if not (has_cut_outs and m.shrinks_cut_outs)), key=lambda m: estimates[m] * handicap[m])
         other = max(methods, key=lambda m: estimates[m])
         reason += (
             f"; {method.value} about {max(estimates[other] / max(estimates[method], 1e-9), 1.0):.1f} times faster than {other.value} here"
