@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from tests.scenes import (
-    METHODS_AND_HYBRID,
     area_light,
     bumpy_sphere,
     floor,
@@ -73,7 +72,9 @@ def peak_bytes(device, monkeypatch, light_count, **settings):
     return peak
 
 
-@pytest.mark.parametrize("method", METHODS_AND_HYBRID)
+@pytest.mark.parametrize(
+    "method", [Method.MVR, Method.MICRO, *(pytest.param(each, marks=pytest.mark.slow) for each in (Method.IVIR, Method.HYBRID))]
+)
 def test_forty_lights_take_little_more_memory_than_eight(device, monkeypatch, method):
     arguments = {"method": method, "view_count": 16, "map_resolution_px": 128, "replay_buffer_mib": 16}
     few, many = (peak_bytes(device, monkeypatch, count, **arguments) for count in (8, 40))

@@ -191,7 +191,7 @@ def nearest_instance(scene, origins, directions, leave_out):
     return np.array(found)
 
 
-@pytest.mark.parametrize("bounces", [1, 2, 3])
+@pytest.mark.parametrize("bounces", [2, *(pytest.param(each, marks=pytest.mark.slow) for each in (1, 3))])
 def test_parallel_mirrors_show_as_many_images_as_bounces(device, bounces):
     """Between two mirrors a small lamp has an image behind each for every bounce."""
     front = rectangle("front", (-3, 2, -3), (6, 0, 0), (0, 0, 6))

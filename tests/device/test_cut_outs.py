@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from tests.scenes import (
-    METHODS_AND_HYBRID,
     area_light,
     bumpy_sphere,
     camera_from_above,
@@ -107,7 +106,7 @@ def test_checkered_card_in_splatted_maps(device, name):
     assert error_of_checkered_card(device, Method.IVIR, name, view_count=256) <= 0.01
 
 
-@pytest.mark.parametrize("method", [Method.HYBRID, Method.VIR, Method.VWSS])
+@pytest.mark.parametrize("method", [Method.HYBRID, *(pytest.param(each, marks=pytest.mark.slow) for each in (Method.VIR, Method.VWSS))])
 def test_other_methods_draw_the_same_cut_outs(device, method):
     """With the thresholds of `mvr`, so that without points the picture is the same, but for `vir`, which takes them for splatted."""
     if method is Method.VWSS and not device.stores_from_fragments:
@@ -137,7 +136,9 @@ def pane(opacity, height_m=CARD_HEIGHT_M, side_m=CARD_SIDE_M):
     return card([[opacity]], height_m=height_m, side_m=side_m, is_interpolated=False)
 
 
-@pytest.mark.parametrize("method", METHODS_AND_HYBRID)
+@pytest.mark.parametrize(
+    "method", [Method.MICRO, *(pytest.param(each, marks=pytest.mark.slow) for each in (Method.MVR, Method.IVIR, Method.HYBRID))]
+)
 def test_panes_let_their_share_through(device, method):
     """Half of what one pane lets through is stopped by another of opacity 0.5; no pixel is noisy behind one pane."""
     light = area_light(eye=(0, 0, LIGHT_HEIGHT_M), size_m=(0.4, 0.4))

@@ -176,7 +176,7 @@ def test_an_error_between_batches_leaves_nothing(device, monkeypatch, error):
 @pytest.mark.parametrize(
     "how",
     [
-        pytest.param(how, marks=() if how in ("micro", "bufferless") else pytest.mark.slow)
+        pytest.param(how, marks=() if how == "micro" else pytest.mark.slow)
         for how in HOW
         if how not in ("vir", "vwss bufferless", "epr bufferless")
     ],

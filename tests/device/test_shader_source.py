@@ -105,6 +105,7 @@ def test_check_finds_what_is_unused_and_what_is_undeclared():
     ]
 
 
+@pytest.mark.slow  # `make check` does the same
 def test_every_kernel_of_the_passes_is_well(capsys):
     assert check_shaders.main() == 0, capsys.readouterr().out
     told = capsys.readouterr().out
