@@ -1,4 +1,5 @@
 // Images of materials and the world, as core/passes/material_images.py packs them.
+#include "lib/image_extension.glsl"
 #include "lib/linear_texel.glsl"
 #include "lib/integer_halves.glsl"
 
@@ -27,17 +28,9 @@ vec4 stored_texel(int first, int index, int packing) {
 }
 
 vec4 image_texel(int first, ivec2 texel, ivec2 size, int packing, int extension) {
-    if (extension == EXTENSION_CLIP && (any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel, size)))) {
+    if (!find_texel(texel, size, extension)) {
         return vec4(0.0);
     }
-    if (extension == EXTENSION_REPEAT) {
-        texel -= size * ivec2(floor(vec2(texel) / vec2(size)));
-    } else if (extension == EXTENSION_MIRROR) {
-        texel -= 2 * size * ivec2(floor(vec2(texel) / vec2(2 * size)));
-        texel = min(texel, 2 * size - 1 - texel);
-    }
-    // repeated texels too: division may have rounded
-    texel = clamp(texel, ivec2(0), size - 1);
     return stored_texel(first, texel.y * size.x + texel.x, packing);
 }
 

@@ -1,19 +1,12 @@
 // Opacity maps, as core/passes/opacity_maps.py lays them out, and the thresholds that decide what of them is drawn.
+#include "lib/image_extension.glsl"
 #include "lib/linear_texel.glsl"
 #include "lib/hash.glsl"
 
 float texel_value(ivec2 texel, ivec2 size, int extension, int first) {
-    if (extension == EXTENSION_CLIP && (any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel, size)))) {
+    if (!find_texel(texel, size, extension)) {
         return 0.0;
     }
-    if (extension == EXTENSION_REPEAT) {
-        texel -= size * ivec2(floor(vec2(texel) / vec2(size)));
-    } else if (extension == EXTENSION_MIRROR) {
-        texel -= 2 * size * ivec2(floor(vec2(texel) / vec2(2 * size)));
-        texel = min(texel, 2 * size - 1 - texel);
-    }
-    // repeated texels too: division may have rounded
-    texel = clamp(texel, ivec2(0), size - 1);
     int index = texel.y * size.x + texel.x;
     int two_bytes = int(texelFetch(opacity_maps, linear_texel(first + (index >> 3)), 0)[(index >> 1) & 3]);
     return float((two_bytes >> (8 * (index & 1))) & 255);

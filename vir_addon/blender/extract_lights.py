@@ -9,10 +9,8 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ..core.material_program import LUMINANCE
 from ..core.scene import Light, LightShape
-
-_LUMINANCE_OF_RGB = np.array([0.2126, 0.7152, 0.0722])
-"""of linear Rec. 709"""
 
 _AREA_SHAPES = {
     "SQUARE": LightShape.RECTANGLE,
@@ -150,7 +148,7 @@ def place_light(row: LightRow, name: str, world_origin_m: np.ndarray) -> Light |
         size_x_m=row.size_x_m * scale_x,
         size_y_m=row.size_y_m * scale_y,
         spread_rad=row.spread_rad,
-        strength=float(_LUMINANCE_OF_RGB @ row.strength_rgb),
+        strength=float(np.array(LUMINANCE) @ row.strength_rgb),
         strength_rgb=tuple(row.strength_rgb.tolist()),
         casts_shadow=row.casts_shadow,
         has_soft_falloff=row.has_soft_falloff,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Generator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..core.errors import SceneError, UsageError
 from ..core.pass_set import PassSet
@@ -103,9 +103,7 @@ class SteppedRender:
     def _advance(self) -> None:
         try:
             next(self._steps)
-        except StopIteration:
-            self.is_done = True
-        except CancelledError:
+        except (StopIteration, CancelledError):
             self.is_done = True
         except BaseException as error:  # shown by whoever steps, on the main thread
             self.error = error
@@ -123,14 +121,12 @@ class SteppedRender:
             with contextlib.closing(render(job.snapshot, job.plan, self.device, self._on_stage)) as steps:
                 for progress in steps:
                     share = progress.batches_done / progress.batches_total
-                    self.state = RenderState(
+                    self.state = replace(
+                        self.state,
                         share_done=(weight_done + weight * share) / weight_total,
                         views_done=views_done + progress.views_done,
-                        views_total=self.state.views_total,
                         seconds_left=progress.seconds_left * (1 + (weight_total - weight_done - weight) / weight),
                         error_estimate=progress.error_estimate,
-                        stage=self.state.stage,
-                        light_name=self.state.light_name,
                     )
                     if self.is_cancelled:
                         raise CancelledError
@@ -144,7 +140,4 @@ class SteppedRender:
     def _on_stage(self, stage: str, light_name: str | None) -> None:
         if self.is_cancelled:
             raise CancelledError
-        state = self.state
-        self.state = RenderState(
-            state.share_done, state.views_done, state.views_total, state.seconds_left, state.error_estimate, stage, light_name
-        )
+        self.state = replace(self.state, stage=stage, light_name=light_name)

@@ -73,7 +73,7 @@ def jobs_of(
     """Ctrl-C ends it with the current step."""
     from ..blender.job import frame_jobs
 
-    with held_interrupts() as stop_if_asked:
+    with held_interrupts():
 
         def begin_step(step: str) -> None:
             stop_if_asked()
@@ -103,8 +103,8 @@ def run_render(arguments: argparse.Namespace, console: Console) -> None:
                 for folder in [arguments.output, *([arguments.stats.parent] if arguments.stats else [])]:
                     check_writable(folder)
                 device = open_device(arguments.device)
-                if settings_for(device, settings) != settings:
-                    settings = settings_for(device, settings)
+                planned_for, settings = settings, settings_for(device, settings)
+                if settings != planned_for:
                     jobs = replanned(jobs, settings)
             stop_if_asked()
             for job in jobs.values():

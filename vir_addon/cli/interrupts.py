@@ -4,7 +4,7 @@ KeyboardInterrupt, prints it before anyone can catch it, or crashes on it, and w
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -48,20 +48,20 @@ def remembered_interrupts() -> Iterator[None]:
 
 
 @contextmanager
-def held_interrupts() -> Iterator[Callable[[], None]]:
-    """A Ctrl-C in the block raises KeyboardInterrupt at its end, or where the function that this yields is called.
+def held_interrupts() -> Iterator[None]:
+    """A Ctrl-C in the block raises KeyboardInterrupt at its end, or where `stop_if_asked` is called.
 
     Does nothing where Ctrl-C is ignored, or belongs to the program that called.
     """
     before = signal.getsignal(signal.SIGINT)
     if before not in (signal.default_int_handler, _note_and_raise):
-        yield stop_if_asked
+        yield
         return
     if before is signal.default_int_handler:
         _Asked.was = False
     signal.signal(signal.SIGINT, _note)
     try:
-        yield stop_if_asked
+        yield
     finally:
         signal.signal(signal.SIGINT, before)
     stop_if_asked()

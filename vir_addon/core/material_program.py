@@ -224,7 +224,7 @@ def constant(*channels: float) -> Constant:
 
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
-"""of linear colours"""
+"""of linear Rec. 709 colours"""
 
 
 def evaluate_operation(operation: Operation, *operands: np.ndarray) -> np.ndarray:

@@ -189,7 +189,7 @@ class ReflectionWork:
         """What became of the first rays, those of one eye sample."""
         self._is_counted = True
         found = self.device.read(self.surfaces)[..., 3].astype(np.int64)
-        shown = found[self.tiles_shown.repeat(TILE_PX, axis=0).repeat(TILE_PX, axis=1)[: found.shape[0], : found.shape[1]]]
+        shown = found[spread_to_pixels(self.tiles_shown, *self.size)]
         counts = np.bincount(shown, minlength=5)
         ray_count = int(counts.sum() - counts[NO_RAY])
         self.statistics.ray_count = ray_count

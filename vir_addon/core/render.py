@@ -174,12 +174,12 @@ class Renderer:
     def _count_views(self) -> int:
         return sum(planned.view_count for planned in self._planned_lights().values()) or self.plan.batch_count * self.reflects
 
-    def _seen_instances(self, eye: EyePass) -> np.ndarray:
-        """(instance_count,) bool: in any of a batch's eye samples"""
+    def _seen_instances(self, eye: EyePass, first_positions: np.ndarray) -> np.ndarray:
+        """(instance_count,) bool: in any of a batch's eye samples, the first of which was read already"""
         is_seen = np.zeros(len(self.snapshot.instances), bool)
         with self.stopwatch.stage("read-back"):
-            for buffer in eye.buffers:
-                numbers = self.device.read(buffer.positions)[..., 3]
+            for positions in (first_positions, *(self.device.read(buffer.positions) for buffer in eye.buffers[1:])):
+                numbers = positions[..., 3]
                 is_seen[numbers[numbers >= 0].astype(np.int64)] = True
         return is_seen
 
@@ -226,7 +226,7 @@ class Renderer:
             with self.stopwatch.stage("read-back"):
                 positions, normals = (self.device.read(texture) for texture in eye.buffers[0])
         if self.plan.reflections is not None and self.plan.reflections.runs:
-            in_sight = self.plan.reflections.without_hidden(self._seen_instances(eye))
+            in_sight = self.plan.reflections.without_hidden(self._seen_instances(eye, positions))
             self.reflects = in_sight.runs
             if self.reflects:
                 positions, normals = yield from self._preparing_reflections(in_sight, scene_data, eye, positions, normals)

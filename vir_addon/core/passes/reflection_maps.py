@@ -24,8 +24,6 @@ MAP_LEVELS = 6
 MAP_SIZE_STEP_PX = 1 << (MAP_LEVELS - 1)
 HEADER_TEXELS = 6
 BYTES_PER_TEXEL = 16
-LEVELS_SHARE = 4 / 3
-"""texels of all levels for one of the finest"""
 NOTHING_NEARER = 1e30
 """the smallest depth where nothing is"""
 

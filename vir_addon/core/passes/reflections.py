@@ -6,10 +6,9 @@ Where rays hit is a G-buffer of the eye's layout, so whatever looks lights up fo
 from __future__ import annotations
 
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored, Table
-from ..material_program import LUMINANCE
 from .reflection_maps import MAP_LEVELS, MAP_TEXTURES
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES
-from .surface_data import REFLECTANCE_DEFINES, SURFACE_DEFINES, SURFACE_TEXTURES
+from .surface_data import LUMINANCE_DEFINES, REFLECTANCE_DEFINES, SURFACE_DEFINES, SURFACE_TEXTURES
 from .tiles import SIZE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, WALK_CONSTANTS
 
 MAX_STEPS = 1024
@@ -26,7 +25,6 @@ MARCH_DEFINES = {
     "MAX_STEPS": MAX_STEPS,
 }
 BY_DIRECTION_FLAG = {"BY_DIRECTION": "look maps up by direction alone"}
-LUMINANCE_DEFINES = dict(zip(("LUMINANCE_RED", "LUMINANCE_GREEN", "LUMINANCE_BLUE"), LUMINANCE, strict=True))
 
 POSITIONS = "position (world space) and instance number, -1 for the background"
 NORMALS = "geometric normal (world space, towards where it is seen from) and packed shading normal"

@@ -52,6 +52,7 @@ REFLECTANCE_DEFINES = {
     "LEAST_Z": LEAST_Z,
     "LARGEST_Z": LARGEST_Z,
 }
+LUMINANCE_DEFINES = dict(zip(("LUMINANCE_RED", "LUMINANCE_GREEN", "LUMINANCE_BLUE"), LUMINANCE, strict=True))
 SURFACE_DEFINES: Mapping[str, int | float] = {
     **IMAGE_DEFINES,
     **{
@@ -63,7 +64,7 @@ SURFACE_DEFINES: Mapping[str, int | float] = {
         if name != _UNCONDITIONAL
     },
     **{f"INPUT_{name}": index for index, name in enumerate(MATERIAL_INPUTS)},
-    **dict(zip(("LUMINANCE_RED", "LUMINANCE_GREEN", "LUMINANCE_BLUE"), LUMINANCE, strict=True)),
+    **LUMINANCE_DEFINES,
     "PAIRED_INPUTS": PAIRED_INPUTS,
     "REGISTERS": REGISTER_COUNT,
     "MAX_INSTRUCTIONS": MAX_INSTRUCTIONS,
