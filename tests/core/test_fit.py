@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from tests.ray_tracing import delivered, intersect, primary_surfaces, samples_in_world, world_triangles
 from tests.scenes import area_light, box, bumpy_sphere, camera_from_above, floor, perspective_camera, rectangle, snapshot
 from vir_addon.core.bounds import compute_bounds
-from vir_addon.core.fit import fit_light, select_receivers
+from vir_addon.core.fit import fit_light
+from vir_addon.core.reach import select_receivers
 from vir_addon.core.sampling import light_samples
 
 WIDTH, HEIGHT = 24, 14

@@ -12,7 +12,7 @@ from tests.device.kernels import ATOMIC_MIN
 from tests.scenes import METHODS_AND_HYBRID, point_light, render_pass, spot_light, sun_light
 from vir_addon.core.bounds import compute_bounds, cullable_instances
 from vir_addon.core.errors import UsageError
-from vir_addon.core.fit import fit_light, light_hull, select_receivers
+from vir_addon.core.fit import fit_light, light_hull
 from vir_addon.core.methods.base import FaceJob
 from vir_addon.core.methods.hybrid import HybridRasterization
 from vir_addon.core.methods.ivir import ImprovedViewIndependentRasterization
@@ -22,6 +22,7 @@ from vir_addon.core.methods.shared import SharedByFaces
 from vir_addon.core.passes.eye import EyePass
 from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.passes.shadow_maps import DepthMaps, face_table
+from vir_addon.core.reach import select_receivers
 from vir_addon.core.sampling import light_samples
 from vir_addon.core.scene import Camera, Instances, Light, LightShape, Mesh, PixelFilter, SceneSnapshot
 from vir_addon.core.settings import Method, PointGeneration, PointStorage, Settings

@@ -145,7 +145,7 @@ def _small_shares(sizes: list[tuple[np.ndarray, np.ndarray]], mesh_index: np.nda
 @dataclass(frozen=True)
 class _InstanceEstimates:
     """Arrays (instance_count,) of what may cast: flat meshes are left out, because floors and walls that everything visible stands before
-    cast nothing (core/fit.py)."""
+    cast nothing (core/reach.py)."""
 
     triangle_count: np.ndarray
     facing: np.ndarray

@@ -10,7 +10,7 @@ import numpy as np
 from ..device.interface import ComputeKernel, Device, Texture, TextureFormat
 from ..device.owned import Owned, Shared
 from .bounds import cullable_instances
-from .fit import FittedFace, fit_light, light_hull, select_receivers
+from .fit import FittedFace, fit_light, light_hull
 from .methods import depth_map_method
 from .methods.base import DepthMapMethod, FaceJob
 from .methods.shared import SharedByFaces
@@ -22,6 +22,7 @@ from .passes.resolve import FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, WAS_LIT
 from .passes.scene_data import SceneData
 from .passes.shadow_maps import DepthMaps, face_table, samples_table, views_table
 from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
+from .reach import select_receivers
 from .reflection_work import ReflectionWork
 from .sampling import light_samples, sample_weights
 from .scene import Light, LightShape

@@ -11,9 +11,10 @@ from ..device.interface import Device
 from . import cost
 from .bounds import SceneBounds, compute_bounds
 from .errors import SceneError, UsageError
-from .fit import choose_faces, light_casters, lit_places, may_shadow
+from .fit import choose_faces
 from .pass_set import unique_pass_names
 from .passes.shadow_maps import MAX_BATCH_VIEWS
+from .reach import light_casters, lit_places, may_shadow
 from .reflectors import PlannedReflections, choose_reflectors
 from .scene import Camera, Light, LightShape, SceneSnapshot
 from .settings import Effect, Hardware, Method, PointGeneration, PointStorage, Settings

@@ -1,0 +1,166 @@
+"""What of a scene a light's shadows are about: the visible surfaces that it can reach, and the instances that may shadow them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .bounds import FLAT_TOLERANCE, SceneBounds
+from .sampling import light_samples
+from .scene import Light, LightShape, SceneSnapshot
+from .views import MAX_SINGLE_FACE_TANGENT, MIN_RECEIVER_MARGIN, light_axes, omni_faces
+
+MAX_RECEIVER_PIXELS = 1 << 17
+"""A larger picture is looked at in steps of more than a pixel."""
+MAX_RECEIVER_POINTS = 8192
+RECEIVER_MARGIN_PX = 5.0
+"""Filters reach 1.5 pixels to each side, and perspective may make the outermost pixels cover more than the mean."""
+MAX_CASTER_PLACES = 4_000_000
+"""casters times places that are looked at one by one"""
+
+
+@dataclass(frozen=True)
+class CasterSet:
+    """Instances that may cast, with what fitting needs of them."""
+
+    indices: np.ndarray
+    """(caster_count,) int64 instance numbers"""
+    corners_ws: np.ndarray
+    """(caster_count, 8, 3) float64 corners of their bounding boxes"""
+
+
+def light_casters(snapshot: SceneSnapshot, light: Light) -> np.ndarray:
+    """(n,) int64 instances that may cast this light's shadow."""
+    mask = snapshot.instances.casts_shadow if light.blockers is None else light.blockers
+    return np.flatnonzero(mask)
+
+
+@dataclass(frozen=True)
+class Receivers:
+    """Visible surfaces that a light can reach."""
+
+    points_ws: np.ndarray
+    """(n, 3) float64: a regular subset and, in slices of depth, the outermost points, which decide the windows"""
+    margin: float
+    """share by which windows are wider than these points: later eye samples are offset by parts of a pixel and see more"""
+
+
+def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -> Receivers:
+    """What of an eye G-buffer lies where the light shines and is (by either normal) turned towards some of it.
+
+    positions, normals: the G-buffer's textures, (height, width, 4).
+    """
+    # rows and columns between are within the margin
+    step = math.ceil(math.sqrt(positions.shape[0] * positions.shape[1] / MAX_RECEIVER_PIXELS))
+    positions, normals = positions[::step, ::step], normals[::step, ::step]
+    surface = positions[..., 3] >= 0
+    if light.receivers is not None:
+        surface &= light.receivers[np.maximum(positions[..., 3], 0).astype(np.int64)]
+    points = positions[surface][:, :3].astype(np.float64)
+    normal = normals[surface][:, :3]
+    axes, center = light_axes(light), light.world_from_light[:3, 3]
+    half = np.hypot(light.size_x_m, light.size_y_m) / 2
+    p = (points - center) @ axes.T
+    # the light's nearest point to the plane of the surface decides whether any of it is above the horizon; the shading normal
+    # may lean towards the light by as much again, so surfaces turned away by a little are kept
+    towards = np.full_like(p, (0.0, 0.0, -1.0)) if light.shape is LightShape.SUN else -p
+    turned = np.einsum("ij,ij->i", normal @ axes.T, towards) > -half - 0.5 * np.linalg.norm(towards, axis=1)
+    reach = lit_places(light, p) & turned
+    margin = _margin(surface, reach)
+    points, p = points[reach], p[reach]
+    if len(points) <= MAX_RECEIVER_POINTS:
+        return Receivers(points, margin)
+    chosen = [np.arange(0, len(points), -(-len(points) // MAX_RECEIVER_POINTS))]
+    if light.shape.is_omni:
+        for face in omni_faces(light):
+            p_fs = p @ (face.face_from_world @ axes.T).T
+            # as far to the sides as a single frustum reaches
+            before = np.flatnonzero((np.abs(p_fs[:, :2]) < MAX_SINGLE_FACE_TANGENT * p_fs[:, 2:]).all(axis=1))
+            chosen += [before[part] for part in _outermost(p_fs[before, :2] / p_fs[before, 2:], p_fs[before, 2])]
+    else:
+        chosen += _outermost(p[:, :2] if light.shape is LightShape.SUN else p[:, :2] / p[:, 2:], p[:, 2])
+    return Receivers(points[np.unique(np.concatenate(chosen))], margin)
+
+
+def lit_places(light: Light, p_ls: np.ndarray) -> np.ndarray:
+    """(n,) bool: which places, (n, 3) light space, some of the light shines upon: before an area light's plane, in a spot's cone."""
+    if light.shape is LightShape.SUN:
+        return np.ones(len(p_ls), bool)
+    if not light.shape.is_omni:
+        return p_ls[:, 2] > 0
+    half = light.cone_rad / 2
+    if half >= np.pi:
+        return np.ones(len(p_ls), bool)
+    scale = np.array([max(factor, 1e-6) for factor in (*light.cone_scale, 1.0)])
+    q, radius_m = p_ls / scale, light.radius_m / scale.min()
+    # the cones of all places of the sphere lie in the one whose apex is moved back until it touches the sphere
+    depth = q[:, 2] + radius_m / np.sin(half)
+    distance = np.sqrt(q[:, 0] ** 2 + q[:, 1] ** 2 + depth**2)
+    return (depth >= np.cos(half) * distance) | (np.linalg.norm(p_ls, axis=1) <= light.radius_m)
+
+
+def _outermost(places: np.ndarray, depths: np.ndarray) -> list[np.ndarray]:
+    """Indices of the outermost of (n, 2) places in slices of depth."""
+    if not len(depths):
+        return []
+    chosen = []
+    for part in np.array_split(np.argsort(depths, kind="stable"), min(32, len(depths))):
+        chosen += [part[places[part].argmin(axis=0)], part[places[part].argmax(axis=0)], part[[0, -1]]]
+    return chosen
+
+
+def _margin(surface: np.ndarray, reach: np.ndarray) -> float:
+    """In a small picture, or one that shows little of what is lit, a pixel is a large share of the window."""
+    rows, columns = (index[reach] for index in np.nonzero(surface))
+    if not len(rows):
+        return MIN_RECEIVER_MARGIN
+    return max(MIN_RECEIVER_MARGIN, RECEIVER_MARGIN_PX / (min(np.ptp(rows), np.ptp(columns)) + 1))
+
+
+def _shadows_nothing(snapshot: SceneSnapshot, bounds: SceneBounds, instance: int, samples_ws: np.ndarray, receivers_ws: np.ndarray) -> bool:
+    """Whether a flat caster has the light and every receiver on the same side: then it shadows nothing, itself included."""
+    mesh_index = int(snapshot.instances.mesh_index[instance])
+    mesh, axis = snapshot.meshes[mesh_index], int(bounds.flat_axis[mesh_index])
+    matrix = snapshot.instances.world_from_object[instance].astype(np.float64)
+    normal = np.linalg.inv(matrix[:3, :3])[axis]
+    normal /= np.linalg.norm(normal)
+    origin = matrix[:3, :3] @ mesh.positions_os[mesh.triangles[0, 0]].astype(np.float64) + matrix[:3, 3]
+    light_side = (samples_ws - origin) @ normal
+    receiver_side = (receivers_ws - origin) @ normal
+    if light_side.min() < 0:
+        light_side, receiver_side = -light_side, -receiver_side
+    size = np.ptp(bounds.corners_ws[instance], axis=0).max()
+    return bool(light_side.min() > 0 and receiver_side.min() > -10 * FLAT_TOLERANCE * size)
+
+
+def shadowing_casters(
+    snapshot: SceneSnapshot, light: Light, bounds: SceneBounds, receivers_ws: np.ndarray, samples_m: np.ndarray
+) -> CasterSet:
+    """Casters of the light without flat ones that shadow nothing visible."""
+    samples_ws = _samples_in_world(light, bounds, samples_m)
+    indices = light_casters(snapshot, light)
+    flat = bounds.flat_axis[snapshot.instances.mesh_index[indices]] >= 0
+    idle = [i for i in indices[flat] if _shadows_nothing(snapshot, bounds, int(i), samples_ws, receivers_ws)]
+    indices = np.setdiff1d(indices, np.array(idle, np.int64))
+    return CasterSet(indices, bounds.corners_ws[indices])
+
+
+def may_shadow(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds, places_ws: np.ndarray, view_count: int) -> bool:
+    """Whether `shadowing_casters` may find any for receivers within the hull of some places, (n, 3) world space. True where looking at
+    all of them would take long."""
+    indices = light_casters(snapshot, light)
+    if (bounds.flat_axis[snapshot.instances.mesh_index[indices]] < 0).any() or len(indices) * len(places_ws) > MAX_CASTER_PLACES:
+        return True
+    samples_ws = _samples_in_world(light, bounds, light_samples(light, view_count))
+    return any(not _shadows_nothing(snapshot, bounds, int(i), samples_ws, places_ws) for i in indices)
+
+
+def _samples_in_world(light: Light, bounds: SceneBounds, samples_m: np.ndarray) -> np.ndarray:
+    """(n, 3) float64"""
+    if light.shape is LightShape.SUN:
+        # so far away that every plane in the scene has it on the side from which its rays come
+        far_m = 1e6 * max(float(np.ptp(bounds.corners_ws.reshape(-1, 3), axis=0).max()), float(np.abs(bounds.corners_ws).max()))
+        return -far_m * np.add(samples_m, (0, 0, 1)) @ light_axes(light)
+    return light.world_from_light[:3, 3] + samples_m @ light_axes(light)
