@@ -10,6 +10,7 @@ import pytest
 from tests.scenes import box, floor, matte, mirror, perspective_camera, rectangle, snapshot
 from vir_addon.core.material import Constant, ImageSample, ImageTexels, Operation, TableLookup, World
 from vir_addon.core.material_program import combined, typical_value
+from vir_addon.core.passes.reflection_maps import instances_in_face
 from vir_addon.core.plan import plan as planned
 from vir_addon.core.settings import Effect, Settings
 
@@ -87,3 +88,23 @@ def test_small_reflectors_share_a_line_and_have_no_maps():
     found = reflectors_of(scene)
     assert [(each.name, each.runs) for each in found.reflectors] == [("ball", True), ("309 small reflectors", False)]
     assert (found.instance_maps(310)[:309] == -1).all()
+
+
+def test_faces_draw_what_is_in_them_alone():
+    """Every place in front of a face is in it, and boxes around a cube are drawn about once each, not six times."""
+    rng = np.random.default_rng(3)
+    centres = rng.uniform(-4, 4, (60, 3))
+    centres = centres[np.abs(centres).max(axis=1) > 1]
+    boxes = [box(f"box {k}", centre, (0.2, 0.3, 0.1)) for k, centre in enumerate(centres)]
+    ball = box("ball", (0, 0, 0), (0.5, 0.5, 0.5))
+    camera = perspective_camera((0.5, -3.0, 1.5), (0, 0, 0.4), WIDTH, HEIGHT, 0.6)
+    scene = snapshot([*boxes, ball], [], camera, WIDTH, HEIGHT, materials=[*[matte()] * len(boxes), mirror()], world=World())
+    plan = planned(scene, Settings(effects=(Effect.REFLECTION,)))
+    cube = plan.reflections.reflectors[0].seen
+    drawn = [instances_in_face(cube, face, plan.bounds.corners_ws) for face in range(6)]
+    for number, centre in enumerate(centres):
+        places = centre + rng.uniform(-1, 1, (50, 3)) * (0.2, 0.3, 0.1) - cube.center_ws
+        axis = np.abs(places).argmax(axis=1)
+        faces = 2 * axis + (np.take_along_axis(places, axis[:, None], 1)[:, 0] < 0)
+        assert all(number in drawn[face] for face in faces)
+    assert sum(map(len, drawn)) < 2 * len(boxes)

@@ -79,7 +79,7 @@ class ReflectionWork:
                 return owned.own(self.device.create_texture(width, height, TextureFormat.RGBA32F))
 
             self.materials = owned.own(SurfaceData(snapshot, self.device))
-            self.maps = owned.own(ReflectionMaps(scene_data, list(planned.maps)))
+            self.maps = owned.own(ReflectionMaps(scene_data, plan.bounds, list(planned.maps)))
             self.instance_maps = owned.own(self.device.upload_array(planned.instance_maps(len(snapshot.instances))))
             self.rays = {name: texture() for name in ("ray_origins", "ray_directions", "throughputs")}
             self.surfaces = texture()

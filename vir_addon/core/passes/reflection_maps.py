@@ -16,6 +16,7 @@ import numpy as np
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
 from ...device.interface import LINEAR_TEXTURE_WIDTH, RenderTarget, Texture, TextureFormat, split_integers
 from ...device.owned import Owned
+from ..bounds import SceneBounds
 from .eye import VISIBILITY, VISIBILITY_OF_CUT_OUTS
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
 
@@ -137,11 +138,22 @@ def _clipped(clip_from_face: np.ndarray, plane: np.ndarray) -> np.ndarray:
     return clipped
 
 
+def instances_in_face(drawn: ReflectionMap, face: int, corners_ws: np.ndarray) -> np.ndarray:
+    """(n,) int64 those of the map's instances whose boxes, (instance_count, 8, 3), are not wholly outside one side of a face's pyramid."""
+    left, right, bottom, top = drawn.window
+    x, y, depth = np.moveaxis((corners_ws[drawn.instances] - drawn.center_ws) @ drawn.face_axes(face).T, -1, 0)
+    sides = [depth - drawn.near_m, x - left * depth, right * depth - x, y - bottom * depth, top * depth - y]
+    if drawn.clipped_by is not None:
+        sides.append(corners_ws[drawn.instances] @ drawn.clipped_by[:3] + drawn.clipped_by[3])
+    return drawn.instances[np.logical_and.reduce([(side >= 0).any(axis=1) for side in sides])]
+
+
 class ReflectionMaps:
     """Draws the maps of a frame with the hardware rasterizer, once."""
 
-    def __init__(self, scene_data: SceneData, maps: list[ReflectionMap]) -> None:
+    def __init__(self, scene_data: SceneData, bounds: SceneBounds, maps: list[ReflectionMap]) -> None:
         self.scene_data, self.device, self.maps = scene_data, scene_data.device, maps
+        self.corners_ws = bounds.corners_ws
         bases = np.concatenate([[0], np.cumsum([each.texel_count for each in maps])]).astype(np.int64)
         headers = np.concatenate([each.header(int(base)) for each, base in zip(maps, bases, strict=False)])
         rows = max(1, -(-int(bases[-1]) // LINEAR_TEXTURE_WIDTH))
@@ -174,10 +186,10 @@ class ReflectionMaps:
                     self._store(visibility, number, each)
 
     def _rasterize(self, target: RenderTarget, drawn: ReflectionMap) -> None:
-        cut_out = self.scene_data.cut_out[drawn.instances]
-        draws = self.scene_data.draws(drawn.instances[~cut_out])
-        cut_out_draws = self.scene_data.draws(drawn.instances[cut_out])
         for face in range(drawn.face_count):
+            inside = instances_in_face(drawn, face, self.corners_ws)
+            cut_out = self.scene_data.cut_out[inside]
+            draws, cut_out_draws = self.scene_data.draws(inside[~cut_out]), self.scene_data.draws(inside[cut_out])
             viewport = (0, face * drawn.height_px, drawn.width_px, drawn.height_px)
             bindings = {"clip_from_world": drawn.clip_from_world(face), "instances": self.scene_data.instances}
             self.device.raster_kernel(VISIBILITY).draw(target, viewport, draws, **bindings)
