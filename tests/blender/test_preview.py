@@ -1,6 +1,7 @@
 """The preview of a viewport without a window: follows the scene, reads only what has changed, ends where a render ends."""
 
 import contextlib
+import itertools
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -16,9 +17,10 @@ from vir_addon.blender.preview.viewport import LEVELS, ViewportPreview  # noqa: 
 from vir_addon.blender.viewport_view import viewport_view  # noqa: E402
 from vir_addon.core.errors import SceneError, UsageError  # noqa: E402
 from vir_addon.core.passes.accumulate import pass_image  # noqa: E402
+from vir_addon.core.picture import Choice, Shown  # noqa: E402
 from vir_addon.core.plan import plan, settings_for  # noqa: E402
 from vir_addon.core.render import render  # noqa: E402
-from vir_addon.core.settings import Method, Settings  # noqa: E402
+from vir_addon.core.settings import Effect, Method, Settings  # noqa: E402
 from vir_addon.device.open import open_device  # noqa: E402
 
 SIZE = (64, 40)
@@ -92,7 +94,7 @@ def finish(preview, settings=SETTINGS, budget_s=FOREVER_S) -> int:
 
 
 def shown(preview) -> np.ndarray:
-    texels = preview.render.device.read(preview.picture).astype(np.float64)
+    texels = preview.render.device.read(preview.picture.shadows).astype(np.float64)
     return pass_image(texels[..., 0], texels[..., 1], texels[..., 2])
 
 
@@ -188,16 +190,19 @@ def test_slices_without_any_time(preview, device):
 def test_steps_that_take_too_long_make_it_coarser_and_time_left_finer(preview):
     preview.level_index = 2
     finish(preview)
-    assert preview.level_index == 0 and preview.render.picture.width == SIZE[0]
+    assert preview.level_index == 0 and preview.render.picture.size[0] == SIZE[0]
     assert preview.render.standing.views_done == 16
     finish(preview, budget_s=NO_TIME_S)
     assert preview.level_index == len(LEVELS) - 1
-    assert preview.picture.width == SIZE[0] // 8
+    assert preview.picture.size[0] == SIZE[0] // 8
 
 
 def test_a_reference_to_compare_with(preview):
     """Of a view that was finished, for as long as it is looked at."""
-    read = preview.render.device.read
+
+    def read(picture):
+        return preview.render.device.read(picture.shadows)
+
     preview.compare(True)
     assert preview.reference is None
     finish(preview)
@@ -220,14 +225,14 @@ def test_a_reference_to_compare_with(preview):
 
 
 def test_a_light_that_is_deleted_halfway(preview, device):
-    preview.render.light_name = "Fill"
+    preview.render.choice = Choice(light_name="Fill")
     depsgraph = bpy.context.evaluated_depsgraph_get()
     for _ in range(8):
         preview.advance(depsgraph, SETTINGS, NO_TIME_S)
     bpy.data.objects.remove(bpy.data.objects["Fill"])
     finish(preview)
     assert preview.picture is None
-    preview.render.light_name = None
+    preview.render.choice = Choice()
     finish(preview)
     check(preview, device, view_from())
 
@@ -258,3 +263,118 @@ def test_a_scene_without_camera_and_an_empty_one(preview, device):
         bpy.data.objects.remove(bpy.data.objects[name])
     finish(preview)
     assert preview.render.standing.views_total == 0
+
+
+@pytest.fixture
+def mirror(still_life):
+    """The cube."""
+    material = bpy.data.materials.new("Mirror")
+    if bpy.app.version < (5, 0):
+        material.use_nodes = True
+    shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    shader.inputs["Metallic"].default_value, shader.inputs["Roughness"].default_value = 1.0, 0.1
+    bpy.data.objects["Cube"].data.materials.append(material)
+    still_life.world = bpy.data.worlds.new("World")
+    return shader
+
+
+REFLECTING = replace(SETTINGS, effects=(Effect.SHADOW, Effect.REFLECTION), reflection_sample_count=4)
+
+
+def rendered_passes(device, settings=REFLECTING) -> dict[str, np.ndarray]:
+    """From nothing."""
+    taken = snapshot(bpy.context.evaluated_depsgraph_get(), view=view_from(), with_materials=True)
+    for progress in render(taken, plan(taken, settings_for(device, settings)), device):
+        last = progress
+    return last.passes
+
+
+def check_reflections(preview, device, settings=REFLECTING) -> np.ndarray:
+    """All that may be shown of them."""
+    passes = rendered_passes(device, settings)
+    reflection, color = passes["VIR Reflection"].astype(np.float64), passes["VIR Reflection Color"].astype(np.float64)
+    assert color.max() > 0.5 and 0.01 < (color > 0).mean() < 0.9
+    found = {}
+    for choice in (Shown.REFLECTED, Shown.REFLECTION, Shown.REFLECTION_COLOR, Shown.ALL):
+        preview.render.choice = Choice(choice)
+        finish(preview, settings)
+        assert preview.picture.has_reflections and preview.picture.has_shadows == (choice is Shown.ALL)
+        found[choice] = device.read(preview.picture.reflections)
+    added, share = found[Shown.REFLECTED], found[Shown.REFLECTION][..., 3]
+    np.testing.assert_allclose(added[..., :3], reflection * color, atol=1e-5)
+    np.testing.assert_array_equal(added, found[Shown.ALL])
+    np.testing.assert_allclose(found[Shown.REFLECTION_COLOR][..., :3], color, atol=1e-6)
+    np.testing.assert_allclose(found[Shown.REFLECTION][..., :3], reflection * share[..., None], atol=1e-5)
+    assert share.min() == 0.0 and share.max() == 1.0 and (share[color.max(axis=-1) > 0] > 0).all()
+    np.testing.assert_allclose(shown(preview), passes["VIR Shadow"], atol=1e-6)
+    return added
+
+
+def test_it_shows_reflections_and_follows_what_they_show(preview, mirror, device):
+    finish(preview, REFLECTING)
+    pictures = [check_reflections(preview, device)]
+
+    def paint_floor() -> None:
+        paint = bpy.data.materials.new("Paint")
+        shader = next(node for node in paint.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+        shader.inputs["Base Color"].default_value = 0.9, 0.1, 0.1, 1.0
+        bpy.data.objects["Floor"].data.materials.append(paint)
+
+    def turn_world_blue() -> None:
+        background = bpy.context.scene.world.node_tree.get_output_node("ALL").inputs["Surface"].links[0].from_node
+        background.inputs["Color"].default_value = 0.2, 0.3, 0.9, 1.0
+
+    changes = (
+        lambda: setattr(bpy.data.objects["Key"].location, "x", -3.0),
+        lambda: setattr(bpy.data.objects["Cube"].location, "x", 1.0),
+        paint_floor,
+        lambda: setattr(mirror.inputs["Base Color"], "default_value", (0.9, 0.5, 0.2, 1.0)),
+        turn_world_blue,
+    )
+    for change in changes:
+        change()
+        finish(preview, REFLECTING)
+        pictures.append(check_reflections(preview, device))
+    assert all(np.abs(one - other).max() > 0.01 for one, other in itertools.pairwise(pictures))
+
+
+def test_reflections_without_any_time(preview, mirror, device):
+    preview.level_index = len(LEVELS) - 1
+    assert finish(preview, REFLECTING, budget_s=NO_TIME_S) > 40
+    assert preview.picture.has_reflections
+
+
+def test_materials_and_images_of_reflections_stay_where_nothing_about_them_changes(preview, mirror):
+    finish(preview, REFLECTING)
+
+    def surfaces():
+        return preview.render._renderer.surfaces
+
+    before = surfaces()
+    assert before is not None
+    bpy.data.objects["Key"].data.energy = 7.0
+    finish(preview, REFLECTING)
+    preview.look(view_from(3.0))
+    finish(preview, REFLECTING)
+    bpy.data.objects["Cube"].location.x = 1.0
+    finish(preview, REFLECTING)
+    assert surfaces() is before
+    mirror.inputs["Roughness"].default_value = 0.2
+    finish(preview, REFLECTING)
+    assert surfaces() is not before
+
+
+def test_passes_that_are_switched_off(preview, mirror):
+    preview.render.choice = Choice(Shown.REFLECTION)
+    with pytest.raises(UsageError, match="reflections are switched off"):
+        finish(preview)
+    preview.render.choice = Choice(Shown.SHADOW)
+    finish(preview, REFLECTING)
+    assert preview.picture.has_shadows and not preview.picture.has_reflections
+    assert preview.render.plan.reflections is None
+
+
+def test_nothing_reflects(preview, still_life):
+    preview.render.choice = Choice(Shown.REFLECTION)
+    finish(preview, REFLECTING)
+    assert preview.picture is None

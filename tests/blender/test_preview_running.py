@@ -55,7 +55,7 @@ class Viewport:
 def viewport(scene, monkeypatch):
     made = Viewport()
     monkeypatch.setattr(running, "draw_text", lambda _, text: made.texts.append(text))
-    overlay = SimpleNamespace(draw=lambda picture, *_: made.pictures.append((picture.width, picture.height)))
+    overlay = SimpleNamespace(draw=lambda picture, *_: made.pictures.append(picture.size))
     monkeypatch.setattr(running, "Overlay", lambda: overlay)
     return made
 

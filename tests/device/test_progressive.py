@@ -12,6 +12,7 @@ from tests.device.test_memory import counted
 from tests.scenes import area_light, box, bumpy_sphere, floor, perspective_camera, point_light, render_passes, snapshot, spot_light
 from vir_addon.core.errors import SceneError
 from vir_addon.core.passes.accumulate import pass_image
+from vir_addon.core.picture import Choice
 from vir_addon.core.progressive import ProgressiveRender
 from vir_addon.core.settings import Settings
 
@@ -53,7 +54,7 @@ def finish(progressive: ProgressiveRender, budget_s: float = 0.0) -> int:
 
 
 def drawn(progressive: ProgressiveRender) -> np.ndarray:
-    texels = progressive.device.read(progressive.picture).astype(np.float64)
+    texels = progressive.device.read(progressive.picture.shadows).astype(np.float64)
     return pass_image(texels[..., 0], texels[..., 1], texels[..., 2])
 
 
@@ -69,7 +70,7 @@ def test_it_ends_with_the_passes_of_a_render(device, progressive, budget_s):
     assert 0 < progressive.standing.error_estimate < 0.1
     np.testing.assert_allclose(drawn(progressive), passes["VIR Shadow"], atol=1e-6)
     for light_name in ("Key", "Fill", None):
-        progressive.light_name = light_name
+        progressive.choice = Choice(light_name=light_name)
         assert not progressive.is_done
         assert progressive.advance(0.0) and progressive.is_done
         np.testing.assert_allclose(drawn(progressive), passes[f"VIR Shadow {light_name}" if light_name else "VIR Shadow"], atol=1e-6)

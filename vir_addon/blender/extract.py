@@ -20,9 +20,7 @@ from .extract_instances import ObjectTable, PlacedInstances, SurfaceRows
 from .extract_lights import LightRow, name_lights, place_light, read_light
 from .extract_world import WorldReader
 from .light_linking import read_linking
-from .material_opacity import MaterialReader
-from .material_surface import SurfaceReader
-from .mesh_cache import MeshCache
+from .mesh_cache import MaterialReaders, MeshCache
 from .render_depsgraph import engine_of
 from .viewport_view import ViewportView
 
@@ -58,11 +56,12 @@ def snapshot(
         raise SceneError(f"The scene '{scene.name}' has no camera. Add one, or make one the active camera.")
     else:
         picture = extract_picture(scene.render, resolution)
+    readers = _material_readers(depsgraph, cache)
     surfaces, light_rows, left_out = _walk(
-        depsgraph, frozenset() if view is None else view.hidden_uids, cache, with_materials=with_materials
+        depsgraph, frozenset() if view is None else view.hidden_uids, cache, readers, with_materials=with_materials
     )
     placed = surfaces.place()
-    appearance = _appearance(surfaces, depsgraph) if with_materials else None
+    appearance = _appearance(surfaces, readers.world, depsgraph) if with_materials else None
     lights, unplaced = _place_lights(light_rows, placed, depsgraph)
     return SceneSnapshot(
         scene_name=scene.name,
@@ -80,7 +79,7 @@ def snapshot(
         notes=(
             *(_notes(depsgraph, placed) if view is None else []),
             *sorted(surfaces.materials.notes),
-            *sorted(appearance.notes if appearance else []),
+            *sorted(set(appearance.notes) if appearance else []),
         ),
         materials=appearance.materials if appearance else (),
         material_sets=surfaces.material_sets if appearance else (),
@@ -90,7 +89,7 @@ def snapshot(
 
 
 def _walk(
-    depsgraph: bpy.types.Depsgraph, outside_uids: frozenset[int], cache: MeshCache | None, *, with_materials: bool
+    depsgraph: bpy.types.Depsgraph, outside_uids: frozenset[int], cache: MeshCache | None, readers: MaterialReaders, *, with_materials: bool
 ) -> tuple[SurfaceRows, list[LightRow], list[LeftOut]]:
     """One pass over all that the depsgraph shows. No item, nor anything it hands out, is kept beyond its turn.
 
@@ -99,8 +98,7 @@ def _walk(
     is_viewport = depsgraph.mode == "VIEWPORT"
     hidden_uids = _not_in_rendered_collections(depsgraph.view_layer) if is_viewport else frozenset()
     objects = ObjectTable(depsgraph.view_layer_eval, hidden_uids)
-    materials, looks = _material_readers(depsgraph, cache)
-    surfaces = SurfaceRows(objects, materials, looks if with_materials else None, is_viewport=is_viewport, cache=cache)
+    surfaces = SurfaceRows(objects, readers.opacity, readers.surfaces if with_materials else None, is_viewport=is_viewport, cache=cache)
     light_rows: list[LightRow] = []
     outside_light_rows: list[LightRow] = []
     left_out: list[LeftOut] = []
@@ -133,14 +131,12 @@ def _walk(
             left_out.append(LeftOut(shown.name, "light portals give no light of their own"))
         else:
             (outside_light_rows if is_outside else light_rows).append(read_light(item))
-    return surfaces, light_rows or outside_light_rows, left_out + materials.left_out
+    return surfaces, light_rows or outside_light_rows, left_out + readers.opacity.left_out
 
 
-def _material_readers(depsgraph: bpy.types.Depsgraph, cache: MeshCache | None) -> tuple[MaterialReader, SurfaceReader]:
+def _material_readers(depsgraph: bpy.types.Depsgraph, cache: MeshCache | None) -> MaterialReaders:
     engine, override = engine_of(depsgraph.scene), depsgraph.view_layer_eval.material_override
-    return (
-        (MaterialReader(engine, override), SurfaceReader(engine, override)) if cache is None else cache.material_readers(engine, override)
-    )
+    return MaterialReaders.make(engine, override) if cache is None else cache.material_readers(engine, override)
 
 
 @dataclass(frozen=True)
@@ -153,10 +149,9 @@ class _Appearance:
     notes: list[str]
 
 
-def _appearance(surfaces: SurfaceRows, depsgraph: bpy.types.Depsgraph) -> _Appearance:
+def _appearance(surfaces: SurfaceRows, worlds: WorldReader, depsgraph: bpy.types.Depsgraph) -> _Appearance:
     looks = surfaces.surfaces
     assert looks is not None
-    worlds = WorldReader(engine_of(depsgraph.scene))
     # 4.5 knows no override
     override = getattr(depsgraph.view_layer_eval, "world_override", None)
     world = worlds.read(override or depsgraph.scene_eval.world)

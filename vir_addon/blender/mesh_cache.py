@@ -9,10 +9,11 @@ from __future__ import annotations
 import time
 from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import bpy
 
+from .extract_world import WorldReader
 from .material_opacity import MaterialReader
 from .material_surface import SurfaceReader
 from .mesh_parts import MeshPart
@@ -20,11 +21,23 @@ from .mesh_parts import MeshPart
 if TYPE_CHECKING:
     from ..core.scene import LeftOut
 
-_SURFACE_TYPES = (bpy.types.Material, bpy.types.NodeTree, bpy.types.Image, bpy.types.Texture)
+_SURFACE_TYPES = (bpy.types.Material, bpy.types.World, bpy.types.NodeTree, bpy.types.Image, bpy.types.Texture)
 
 
 class OutOfTimeError(Exception):
     """Reading was given up because its time was over; what was read is kept for the next try."""
+
+
+class MaterialReaders(NamedTuple):
+    """They know what they have read."""
+
+    opacity: MaterialReader
+    surfaces: SurfaceReader
+    world: WorldReader
+
+    @classmethod
+    def make(cls, engine: str, override: bpy.types.Material | None) -> MaterialReaders:
+        return cls(MaterialReader(engine, override), SurfaceReader(engine, override), WorldReader(engine))
 
 
 @dataclass(frozen=True)
@@ -43,7 +56,7 @@ class MeshCache:
     def __init__(self) -> None:
         self._meshes: dict[Hashable, ReadMesh] = {}
         self._used: set[Hashable] = set()
-        self._materials: tuple[Hashable, MaterialReader, SurfaceReader] | None = None
+        self._materials: tuple[Hashable, MaterialReaders] | None = None
         self._deadline_s = float("inf")
         self._has_read = False
         self.read_count = 0
@@ -54,6 +67,8 @@ class MeshCache:
         changed = set()
         for update in depsgraph.updates:
             original = update.id.original
+            if isinstance(original, bpy.types.NodeTree) and original.is_embedded_data:
+                continue  # its owner is named too, which may be a light
             if isinstance(original, _SURFACE_TYPES):
                 self._materials = None
             elif update.is_updated_geometry or not isinstance(original, bpy.types.Object):
@@ -90,10 +105,10 @@ class MeshCache:
         self._meshes[key] = read
         self._used.add(key)
 
-    def material_readers(self, engine: str, override: bpy.types.Material | None) -> tuple[MaterialReader, SurfaceReader]:
+    def material_readers(self, engine: str, override: bpy.types.Material | None) -> MaterialReaders:
         """Those that know what they have read, as long as no material and no image has changed, come or gone."""
         uids = (*(one.session_uid for one in bpy.data.materials), *(one.session_uid for one in bpy.data.images))
         key = (engine, None if override is None else override.session_uid, uids)
         if self._materials is None or self._materials[0] != key:
-            self._materials = key, MaterialReader(engine, override), SurfaceReader(engine, override)
-        return self._materials[1:]
+            self._materials = key, MaterialReaders.make(engine, override)
+        return self._materials[1]

@@ -280,16 +280,29 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
         name="Display",
         description="How the preview shows its passes",
         items=(
-            ("MULTIPLY", "Multiplied", "Darken the viewport where there is shadow", 0),
-            ("PASS", "Pass", "The pass itself in grey: white is lit, black is shadow", 1),
+            ("MULTIPLY", "Blended", "Darken the viewport where there is shadow, and add the light that reflectors add", 0),
+            ("PASS", "Pass", "The pass itself: of shadows, white is lit and black is shadow", 1),
             ("DIFFERENCE", "Difference", "What changes make of the first complete picture of a view: orange is lighter, blue darker", 2),
         ),
         default="MULTIPLY",
         update=_redraw_viewports,
     )
+    preview_pass: bpy.props.EnumProperty(
+        name="Pass",
+        description="Which passes the preview shows, of the effects that are switched on",
+        items=(
+            ("ALL", "All", "Shadows, and the light that reflectors add", 0),
+            ("SHADOW", "Shadows", "Of all lights, or of the one that is chosen", 1),
+            ("REFLECTION", "Reflection", "What reflectors show", 2),
+            ("REFLECTION_COLOR", "Reflection Color", "What the reflection is multiplied by", 3),
+            ("REFLECTED", "Reflected Light", "What reflectors add to the picture: the former two multiplied", 4),
+        ),
+        default="ALL",
+        update=_redraw_viewports,
+    )
     preview_light: bpy.props.StringProperty(
         name="Light",
-        description="The light whose pass the preview shows. Empty: all lights together",
+        description="The light whose shadows the preview shows. Empty: those of all lights together",
         search=_light_names,
         update=_redraw_viewports,
     )

@@ -23,7 +23,7 @@ from .passes.scene_data import SceneData
 from .passes.shadow_maps import DepthMaps, face_table, samples_table, views_table
 from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
 from .reach import select_receivers
-from .reflection_work import ReflectionWork
+from .reflection_work import Hits, ReflectionWork
 from .sampling import light_samples, sample_weights
 from .scene import Light, LightShape
 from .settings import Method
@@ -252,9 +252,10 @@ class LightWork(Shared):
                 yield None
             rounds = self._rounds(eye, index, maps, batch)
             if reflections is not None:
-                with stopwatch.stage("light reflections"):
-                    self._light_hits(reflections, index, rounds)
-                yield None
+                for hits in reflections.all_hits:
+                    with stopwatch.stage("light reflections"):
+                        self._light_hits(reflections, hits, index, rounds[hits.part])
+                    yield None
             if not self.has_pass:
                 continue
             with stopwatch.stage("resolve"):
@@ -278,15 +279,12 @@ class LightWork(Shared):
         self._update_statistics()
         self.batches_done, self.is_between_batches = batch + 1, True
 
-    def _light_hits(self, reflections: ReflectionWork, index: int, rounds: list[dict[str, Any]]) -> None:
-        """Look what reflectors show up in the maps of a face."""
-        is_last = index == len(self.mapped) - 1
+    def _light_hits(self, reflections: ReflectionWork, hits: Hits, index: int, look_up: dict[str, Any]) -> None:
+        """Look what reflectors show up in the maps of a face. look_up: of the hits' eye sample"""
         tiles = reflections.lit_tiles(FIRST_FACE if index == 0 else 0)
-        for hits in reflections.all_hits:
-            look_up = {**rounds[hits.part], **hits.buffer._asdict(), "batch_sums": hits.sums}
-            tiles.dispatch(self._kernel(), **self._bound(look_up))
-            if is_last:
-                reflections.add_light(hits, self._irradiance_of_sum(rounds[hits.part]["view_count"]))
+        tiles.dispatch(self._kernel(), **self._bound({**look_up, **hits.buffer._asdict(), "batch_sums": hits.sums}))
+        if index == len(self.mapped) - 1:
+            reflections.add_light(hits, self._irradiance_of_sum(look_up["view_count"]))
 
     def _irradiance_of_sum(self, view_count: int) -> tuple[float, float, float]:
         red, green, blue = self.light.strength_rgb or 3 * (self.light.strength,)

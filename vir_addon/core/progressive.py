@@ -8,7 +8,8 @@ from concurrent.futures import Executor, Future, TimeoutError
 from dataclasses import dataclass
 from typing import Any
 
-from ..device.interface import Device, Texture, TextureFormat
+from ..device.interface import Device
+from .picture import Choice, Picture
 from .plan import RenderPlan, check_device, plan
 from .render import Renderer
 from .scene import SceneSnapshot
@@ -45,11 +46,11 @@ class ProgressiveRender:
         self.device, self.executor = device, executor
         self.snapshot: SceneSnapshot | None = None
         self.settings = Settings()
-        self.picture: Texture | None = None
-        """of `COMBINE_PASSES`, the combined pass or that of `light_name`; what it shows is `picture_of`"""
+        self.picture: Picture | None = None
+        """of `choice`; the scene that it shows is `picture_of`"""
         self.picture_of: SceneSnapshot | None = None
-        self.light_name: str | None = None
-        """whose pass is drawn; None: all lights together"""
+        self.choice = Choice()
+        """what is drawn of what the settings' effects make"""
         self.plan: RenderPlan | None = None
         self.standing = Standing()
         self.slowest_step_ms = 0.0
@@ -60,8 +61,8 @@ class ProgressiveRender:
         self._answer: Any = None
         """what has come of it"""
         self._recent_s: deque[float] = deque(maxlen=WATCHED_STEPS)
-        self._drawn: tuple[str | None, int] | None = None
-        """light and number of batches of what is in the picture"""
+        self._drawn: tuple[Choice, int] | None = None
+        """what is in the picture, and after how many batches"""
         self._batches_done = 0
         self._is_rendering = self._is_between_batches = False
 
@@ -152,11 +153,9 @@ class ProgressiveRender:
             yield from renderer.rendering(batch)
             yield None
             self._batches_done, self._is_between_batches = batch + 1, True
-            share = {work.planned.light_name: work.batches_done / render_plan.batch_count for work in renderer.works}
-            views = [(planned.view_count, share.get(planned.light_name, 0.0)) for planned in render_plan.passes if planned.runs]
             self.standing = Standing(
-                views_done=round(sum(count * done for count, done in views)),
-                views_total=sum(count for count, _ in views),
+                views_done=renderer.views_done(batch + 1),
+                views_total=renderer.views_total,
                 error_estimate=renderer.update_errors(),
                 busy_ms=self.standing.busy_ms,
             )
@@ -164,10 +163,10 @@ class ProgressiveRender:
 
     @property
     def _is_drawn(self) -> bool:
-        return self._drawn == (self.light_name, self._batches_done)
+        return self._drawn == (self.choice, self._batches_done)
 
     def _draw(self) -> bool:
-        self._drawn = self.light_name, self._batches_done
+        self._drawn = self.choice, self._batches_done
         if self._renderer is None or self.snapshot is None or not self._batches_done:
             return False
         self.device.run(self._draw_picture, self._renderer, self.snapshot)
@@ -175,21 +174,21 @@ class ProgressiveRender:
 
     def _draw_picture(self, renderer: Renderer, snapshot: SceneSnapshot) -> None:
         size = snapshot.width_px, snapshot.height_px
-        if self.picture is not None and (self.picture.width, self.picture.height) != size:
+        if self.picture is not None and self.picture.size != size:
             self._release_picture()
         if self.picture is None:
-            self.picture = self.device.create_texture(*size, TextureFormat.RGBA32F)
-        if renderer.draw_passes(self.picture, self.light_name):
+            self.picture = Picture(self.device, *size)
+        if self.picture.draw(renderer, self.choice):
             self.picture_of = snapshot
         else:
             self._release_picture()
 
-    def copy_picture(self) -> Texture | None:
-        """A texture of the caller's with what is in `picture`, once that is done."""
+    def copy_picture(self) -> Picture | None:
+        """One of the caller's with what is in `picture`, once that is done."""
         if self.picture is None or self._renderer is None or not self.is_done:
             return None
-        copy = self.device.create_texture(self.picture.width, self.picture.height, TextureFormat.RGBA32F)
-        self.device.run(self._renderer.draw_passes, copy, self.light_name)
+        copy = Picture(self.device, *self.picture.size)
+        self.device.run(copy.draw, self._renderer, self.choice)
         return copy
 
     def _release_picture(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -26,15 +27,21 @@ from .passes.reflections import (
     REFLECTED_NOTHING,
     REFLECTED_OUT_OF_VIEW,
     REFLECTED_SURFACE,
+    SHOW_REFLECTIONS,
 )
 from .passes.scene_data import SceneData
 from .passes.surface_data import SurfaceData
 from .passes.tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
+from .picture import Shown
 from .plan import RenderPlan
 from .reflectors import PlannedReflections
 from .sampling import shuffled_unit_square_points, stable_seed
 from .settings import ReflectionLookUp
+from .steps import Steps
 from .stopwatch import Stopwatch
+
+DRAWN = (Shown.REFLECTION, Shown.REFLECTION_COLOR, Shown.REFLECTED)
+"""as numbered for SHOW_REFLECTIONS"""
 
 
 @dataclass(frozen=True)
@@ -49,7 +56,7 @@ class Hits:
 
 
 class ReflectionWork:
-    def __init__(self, planned: PlannedReflections, plan: RenderPlan, scene_data: SceneData, eye: EyePass) -> None:
+    def __init__(self, planned: PlannedReflections, plan: RenderPlan, scene_data: SceneData, surfaces: SurfaceData, eye: EyePass) -> None:
         self.planned, self.plan, self.scene_data, self.eye = planned, plan, scene_data, eye
         self.device: Device = scene_data.device
         width, height = self.size = eye.size
@@ -62,7 +69,7 @@ class ReflectionWork:
         sequences = [shuffled_unit_square_points(round_count, stable_seed(f"reflection {k}")) for k in range(2 * planned.bounces)]
         self.samples = np.stack(sequences, axis=1).reshape(round_count, 2, planned.bounces, 2)
         """of facets and of directions that light comes from: (rounds, 2, bounces, 2)"""
-        snapshot = scene_data.snapshot
+        snapshot = surfaces.snapshot
         is_bright = snapshot.world is not None and max(snapshot.world.radiance) > 0
         self.has_surroundings = is_bright or any(typical_value(material.emission).max() > 0 for material in snapshot.materials)
         """Something but lights lights surfaces."""
@@ -78,7 +85,7 @@ class ReflectionWork:
             def texture() -> Texture:
                 return owned.own(self.device.create_texture(width, height, TextureFormat.RGBA32F))
 
-            self.materials = owned.own(SurfaceData(snapshot, self.device))
+            self.materials = owned.own(surfaces.share())
             self.maps = owned.own(ReflectionMaps(scene_data, plan.bounds, list(planned.maps)))
             self.instance_maps = owned.own(self.device.upload_array(planned.instance_maps(len(snapshot.instances))))
             self.rays = {name: texture() for name in ("ray_origins", "ray_directions", "throughputs")}
@@ -93,9 +100,13 @@ class ReflectionWork:
             self._owned = owned.pop_all()
         self._lit_tiles: dict[int, Tiles] = {}
 
-    def draw_maps(self, stopwatch: Stopwatch) -> None:
-        with stopwatch.stage("reflection maps"):
-            self.maps.draw()
+    def drawing_maps(self, stopwatch: Stopwatch) -> Steps:
+        with contextlib.closing(self.maps.drawing()) as faces:
+            is_drawing = True
+            while is_drawing:
+                with stopwatch.stage("reflection maps"):
+                    is_drawing = next(faces, True) is None
+                yield None
 
     def find_tiles(self, instances: np.ndarray) -> None:
         """Work only where a reflector is, or may be at other sub-pixel offsets. instances: (height, width) of an eye G-buffer, -1: none"""
@@ -116,70 +127,74 @@ class ReflectionWork:
             self._lit_tiles[turn] = self._owned.own(Tiles(self.device, self.tiles_shown, numbers))
         return self._lit_tiles[turn]
 
-    def trace(self, offsets: list[int], batch: int, stopwatch: Stopwatch) -> None:
-        """Rays of a batch's eye samples. offsets: numbers of their sub-pixel offsets"""
-        with stopwatch.stage("reflect"):
-            for part, offset in enumerate(offsets):
-                self._trace(part, offset, batch * len(offsets) + part)
+    def tracing(self, offsets: list[int], batch: int, stopwatch: Stopwatch) -> Steps:
+        """Rays of a batch's eye samples, bounce by bounce. offsets: numbers of their sub-pixel offsets"""
+        for part, offset in enumerate(offsets):
+            seen = {**self.eye.buffers[part]._asdict(), "surfaces": self.eye.triangles[part]}
+            for bounce, hits in enumerate(self.hits[part]):
+                with stopwatch.stage("reflect"):
+                    self._trace(seen, hits, bounce, offset, batch * len(offsets) + part)
+                seen = {**hits.buffer._asdict(), "surfaces": self.surfaces}
+                yield None
 
-    def _trace(self, part: int, offset: int, round_number: int) -> None:
+    def _trace(self, seen: dict[str, Texture], hits: Hits, bounce: int, offset: int, round_number: int) -> None:
+        """seen: the surfaces that reflect"""
         flags = ["BY_DIRECTION"] * (self.plan.settings.reflection_look_up is ReflectionLookUp.DIRECTION)
-        seen = {**self.eye.buffers[part]._asdict(), "surfaces": self.eye.triangles[part]}
-        for bounce, hits in enumerate(self.hits[part]):
-            facet, light = self.samples[round_number % len(self.samples), :, bounce]
+        part = hits.part
+        facet, light = self.samples[round_number % len(self.samples), :, bounce]
+        self._walk(
+            self.device.compute_kernel(REFLECT, *["FROM_EYE"] * (bounce == 0)),
+            **self.scene_data.bindings,
+            **self.materials.bindings,
+            **seen,
+            **self.rays,
+            corner_normals=self.scene_data.corner_normals,
+            instance_maps=self.instance_maps,
+            colors=self.colors[part],
+            bounce=bounce,
+            sample_x=facet[0],
+            sample_y=facet[1],
+            eye=self.eye.eye_table(offset),
+        )
+        seen = {**hits.buffer._asdict(), "surfaces": self.surfaces}
+        self._walk(
+            self.device.compute_kernel(MARCH_REFLECTIONS, *flags),
+            **self.scene_data.bindings,
+            **self.maps.bindings,
+            **seen,
+            corner_normals=self.scene_data.corner_normals,
+            ray_origins=self.rays["ray_origins"],
+            ray_directions=self.rays["ray_directions"],
+            throughputs=self.rays["throughputs"],
+        )
+        self._walk(
+            self.device.compute_kernel(HIT_MATERIALS),
+            **self.scene_data.bindings,
+            **self.materials.bindings,
+            **seen,
+            ray_directions=self.rays["ray_directions"],
+            throughputs=self.rays["throughputs"],
+            scatterings=hits.scatterings,
+            radiances=self.radiances[part],
+            bounce=bounce,
+        )
+        if not self._is_counted:
+            self._count_found()
+        if self.has_surroundings:
             self._walk(
-                self.device.compute_kernel(REFLECT, *["FROM_EYE"] * (bounce == 0)),
+                self.device.compute_kernel(LIGHT_BY_SURROUNDINGS, *flags),
                 **self.scene_data.bindings,
                 **self.materials.bindings,
-                **seen,
-                **self.rays,
-                corner_normals=self.scene_data.corner_normals,
-                instance_maps=self.instance_maps,
-                colors=self.colors[part],
-                bounce=bounce,
-                sample_x=facet[0],
-                sample_y=facet[1],
-                eye=self.eye.eye_table(offset),
-            )
-            seen = {**hits.buffer._asdict(), "surfaces": self.surfaces}
-            self._walk(
-                self.device.compute_kernel(MARCH_REFLECTIONS, *flags),
-                **self.scene_data.bindings,
                 **self.maps.bindings,
-                **seen,
-                corner_normals=self.scene_data.corner_normals,
+                **hits.buffer._asdict(),
                 ray_origins=self.rays["ray_origins"],
-                ray_directions=self.rays["ray_directions"],
-                throughputs=self.rays["throughputs"],
-            )
-            self._walk(
-                self.device.compute_kernel(HIT_MATERIALS),
-                **self.scene_data.bindings,
-                **self.materials.bindings,
-                **seen,
-                ray_directions=self.rays["ray_directions"],
                 throughputs=self.rays["throughputs"],
                 scatterings=hits.scatterings,
                 radiances=self.radiances[part],
-                bounce=bounce,
+                bounce=bounce + self.planned.bounces,
+                sample_x=light[0],
+                sample_y=light[1],
             )
-            if not self._is_counted:
-                self._count_found()
-            if self.has_surroundings:
-                self._walk(
-                    self.device.compute_kernel(LIGHT_BY_SURROUNDINGS, *flags),
-                    **self.scene_data.bindings,
-                    **self.materials.bindings,
-                    **self.maps.bindings,
-                    **hits.buffer._asdict(),
-                    ray_origins=self.rays["ray_origins"],
-                    throughputs=self.rays["throughputs"],
-                    scatterings=hits.scatterings,
-                    radiances=self.radiances[part],
-                    bounce=bounce + self.planned.bounces,
-                    sample_x=light[0],
-                    sample_y=light[1],
-                )
 
     def _walk(self, kernel: ComputeKernel, **bindings: object) -> None:
         width, height = self.size
@@ -225,6 +240,19 @@ class ReflectionWork:
             for radiances, colors in zip(self.radiances, self.colors, strict=True):
                 self.round_count += 1
                 self._walk(self.device.compute_kernel(ADD_REFLECTIONS), radiances=radiances, colors=colors, **self.sums)
+
+    def draw(self, picture: Texture, shown: Shown) -> None:
+        """Into a texture of the picture's size."""
+        width, height = self.size
+        self.device.compute_kernel(SHOW_REFLECTIONS).dispatch_grid(
+            self.size,
+            **self.sums,
+            picture=picture,
+            width=width,
+            height=height,
+            round_count=max(self.round_count, 1),
+            shown=DRAWN.index(shown if shown is not Shown.ALL else Shown.REFLECTED),
+        )
 
     def compute_error(self) -> float:
         """RMS over pixels that show a reflector of the standard error of the luminance that reflections add to the picture; infinite

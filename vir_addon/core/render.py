@@ -15,6 +15,7 @@ import contextlib
 import time
 from collections.abc import Generator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -25,12 +26,14 @@ from .pass_set import COMBINED_PASS_NAME, REFLECTION_COLOR_PASS_NAME, REFLECTION
 from .passes.accumulate import pass_image
 from .passes.eye import EyePass
 from .passes.scene_data import SceneData, SceneGeometry, pack_geometry
+from .passes.surface_data import SurfaceData, pack_surfaces
+from .picture import Shown
 from .plan import PlannedPass, RenderPlan, check_device
 from .reflection_work import ReflectionWork
 from .reflectors import PlannedReflections
 from .sampling import pixel_offsets
-from .scene import Light, SceneSnapshot, has_same_meshes, has_same_picture, is_same_light
-from .steps import Steps, run_steps
+from .scene import Light, SceneSnapshot, has_same_meshes, has_same_picture, has_same_surfaces, is_same_light
+from .steps import HostWork, Steps, run_steps
 from .stopwatch import OnStage, Stopwatch
 
 
@@ -127,6 +130,7 @@ class Renderer:
         self.scene_data: SceneData | None = None
         self.eye: EyePass | None = None
         self.store: MapStore | None = None
+        self.surfaces: SurfaceData | None = None
         self.reflections: ReflectionWork | None = None
         self._owned = Owned()
         self._current_offsets: list[int] = []
@@ -152,6 +156,8 @@ class Renderer:
             self.scene_data = self._owned.own(previous.scene_data.share())
         elif previous.scene_data is not None and has_same_meshes(self.snapshot, previous.snapshot):
             self.scene_data = self._owned.own(SceneData(self.snapshot, self.device, previous.scene_data.geometry))
+        if previous.surfaces is not None and has_same_surfaces(self.snapshot, previous.snapshot):
+            self.surfaces = self._owned.own(previous.surfaces.share())
         if self.reflects or previous.reflects:
             # what reflectors show depends on all of the scene, and lights on what they show
             return
@@ -251,16 +257,20 @@ class Renderer:
 
     def _preparing_reflections(
         self, planned: PlannedReflections, scene_data: SceneData, eye: EyePass, positions: np.ndarray, normals: np.ndarray
-    ) -> Generator[None, None, tuple[np.ndarray, np.ndarray]]:
+    ) -> Generator[HostWork | None, Any, tuple[np.ndarray, np.ndarray]]:
         """Returns positions and normals of what lights are to be fitted to: what is in the picture of passes, and what reflectors show."""
+        if self.surfaces is None:
+            rows = yield self.stopwatch.host_work("upload", pack_surfaces, self.snapshot)
+            with self.stopwatch.stage("upload"):
+                self.surfaces = self._owned.own(SurfaceData(self.snapshot, self.device, rows))
+            yield None
         with self.stopwatch.stage("upload"):
-            reflections = self.reflections = self._owned.own(ReflectionWork(planned, self.plan, scene_data, eye))
+            reflections = self.reflections = self._owned.own(ReflectionWork(planned, self.plan, scene_data, self.surfaces, eye))
             self.statistics.reflections = reflections.statistics
         reflections.find_tiles(positions[..., 3])
         yield None
-        reflections.draw_maps(self.stopwatch)
-        yield None
-        reflections.trace(self._current_offsets, 0, self.stopwatch)
+        yield from reflections.drawing_maps(self.stopwatch)
+        yield from reflections.tracing(self._current_offsets, 0, self.stopwatch)
         has_passes = any(planned.runs for planned in self.plan.passes)
         all_positions, all_normals = [positions] * has_passes, [normals] * has_passes
         with self.stopwatch.stage("read-back"):
@@ -294,7 +304,7 @@ class Renderer:
             return
         self._render_eye(self.eye, batch)
         if self.reflections is not None and batch > 0:
-            self.reflections.trace(self._current_offsets, batch, self.stopwatch)
+            yield from self.reflections.tracing(self._current_offsets, batch, self.stopwatch)
         if not any(work.has_pass for work in self.works):
             # only for passes that are constant on surfaces, which still have to be told from the background
             self.surface_share_sum += self.device.read(self.eye.buffers[0].positions)[..., 3] >= 0
@@ -323,7 +333,13 @@ class Renderer:
             errors.append(self.reflections.statistics.error_estimate)
         return max(errors, default=0.0)
 
-    def draw_passes(self, picture: Texture, light_name: str | None) -> bool:
+    def views_done(self, batches_done: int) -> int:
+        """Light samples looked up after so many batches; lights that were taken over may have had more."""
+        if not self.works:
+            return round(self.views_total * batches_done / self.plan.batch_count)
+        return round(sum(work.planned.view_count * work.batches_done for work in self.works) / self.plan.batch_count)
+
+    def draw_shadows(self, picture: Texture, light_name: str | None) -> bool:
         """Without reading anything back: the combined pass, or one light's, into a texture of the picture's size, as of `COMBINE_PASSES`.
         False if there is nothing to draw: no light, or not this one, has its pass made."""
         shown = [work for work in self.works if work.has_pass and light_name in (None, work.light.name)]
@@ -331,6 +347,13 @@ class Renderer:
             weight = self._combined_weight(work) if light_name is None else 1.0
             work.accumulator.add_to(picture, weight, is_first=number == 0)
         return bool(shown)
+
+    def draw_reflections(self, picture: Texture, shown: Shown) -> bool:
+        """Likewise what reflectors show, as of `SHOW_REFLECTIONS`. False if nothing reflects."""
+        if self.reflections is None:
+            return False
+        self.reflections.draw(picture, shown)
+        return True
 
     def _combined_weight(self, work: LightWork) -> float:
         return combined_weight(work.light, work.planned.view_count, self.rounds_total, work.reference_m)

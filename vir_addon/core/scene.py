@@ -300,10 +300,22 @@ def has_same_picture(one: SceneSnapshot, other: SceneSnapshot) -> bool:
     )
 
 
+def has_same_surfaces(one: SceneSnapshot, other: SceneSnapshot) -> bool:
+    """Whether the same surfaces look the same, wherever they stand; materials and images that were read twice do not count."""
+    return (
+        has_same_meshes(one, other)
+        and one.material_sets == other.material_sets
+        and len(one.materials) == len(other.materials)
+        and all(a is b for a, b in zip(one.materials, other.materials, strict=True))
+        and (one.world is other.world or (one.world is not None and other.world is not None and _has_same_values(one.world, other.world)))
+        and all(np.array_equal(getattr(one.instances, name), getattr(other.instances, name)) for name in ("material_set", "mesh_index"))
+    )
+
+
 def is_same_light(one: Light, other: Light) -> bool:
     return _has_same_values(one, other)
 
 
-def _has_same_values(one: Camera | Instances | Light, other: Camera | Instances | Light) -> bool:
+def _has_same_values(one: Camera | Instances | Light | World, other: Camera | Instances | Light | World) -> bool:
     """`==` of dataclasses with arrays."""
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in one.__dataclass_fields__)

@@ -49,11 +49,12 @@ class VIR_PT_preview(bpy.types.Panel):
         layout.use_property_decorate = False
         column = layout.column()
         column.active = wishes.use_preview
+        column.prop(wishes, "preview_pass")
+        row = column.row()
+        row.active = wishes.preview_pass in ("ALL", "SHADOW")
+        row.prop(wishes, "preview_light")
         column.prop(wishes, "preview_display")
-        column.prop(wishes, "preview_light")
         column.prop(wishes, "preview_slice_ms")
-        if wishes.use_reflections:
-            layout.label(text="Shadows only: no reflections yet", icon="INFO")
         if wishes.device == "MODERNGL":
             layout.label(text="With Blender's own graphics", icon="INFO")
         if wishes.use_preview and not context.space_data.overlay.show_overlays:
@@ -69,7 +70,8 @@ def _draw_in_overlays(self: Any, context: bpy.types.Context) -> None:
     column.active = context.space_data.overlay.show_overlays
     column.label(text="VIR")
     row = column.row()
-    row.prop(context.scene.vir, "use_preview", text="Shadow Passes")
+    row.prop(context.scene.vir, "use_preview", text="Passes")
+    row.prop(context.scene.vir, "preview_pass", text="")
     row.prop(context.scene.vir, "preview_display", text="")
 
 

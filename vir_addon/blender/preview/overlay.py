@@ -8,8 +8,9 @@ import blf
 import bpy
 import gpu
 
+from ...core.passes.surface_data import LUMINANCE_DEFINES
+from ...core.picture import Picture
 from ...device.blender_gpu_device import BlenderTexture
-from ...device.interface import Texture
 from ...device.shader_source import load
 
 
@@ -17,11 +18,14 @@ class Display(enum.Enum):
     """How a picture is shown."""
 
     MULTIPLY = 0
-    """darken what is there"""
+    """darken what is there by shadows, add the light of reflectors"""
     PASS = 1
-    """cover it with the pass, in grey"""
+    """cover it with the pass"""
     DIFFERENCE = 2
     """orange over what is lighter than in the reference, blue over what is darker"""
+
+
+SAMPLERS = ("shadows", "reflections", "reference_shadows", "reference_reflections")
 
 
 class Overlay:
@@ -29,11 +33,14 @@ class Overlay:
 
     def __init__(self) -> None:
         info = gpu.types.GPUShaderCreateInfo()
-        info.sampler(0, "FLOAT_2D", "picture")
-        info.sampler(1, "FLOAT_2D", "reference")
+        for slot, name in enumerate(SAMPLERS):
+            info.sampler(slot, "FLOAT_2D", name)
         for name in ("viewport_size", "viewport_origin"):
             info.push_constant("VEC2", name)
-        info.push_constant("INT", "display")
+        for name in ("display", "has_shadows", "has_reflections"):
+            info.push_constant("INT", name)
+        for name, weight in LUMINANCE_DEFINES.items():
+            info.define(name, repr(weight))
         for display in Display:
             info.define(f"DISPLAY_{display.name}", str(display.value))
         info.vertex_in(0, "VEC2", "corner")
@@ -47,24 +54,28 @@ class Overlay:
         corners.attr_fill("corner", [(-1.0, -1.0), (3.0, -1.0), (-1.0, 3.0)])
         self._triangle = gpu.types.GPUBatch(type="TRIS", buf=corners)
 
-    def draw(self, picture: Texture, display: Display, reference: Texture | None) -> None:
-        """Over all of the current viewport. reference: an earlier picture of the same view, only for a difference"""
+    def draw(self, picture: Picture, display: Display, reference: Picture | None) -> None:
+        """Over all of the current viewport. reference: an earlier picture of the same passes and view, only for a difference"""
         if display is Display.DIFFERENCE and reference is None:
             return
-        assert isinstance(picture, BlenderTexture) and isinstance(reference, BlenderTexture | None)
+        compared = reference or picture
+        textures = (picture.shadows, picture.reflections, compared.shadows, compared.reflections)
         left, bottom, width, height = gpu.state.viewport_get()
         state = gpu.state
         before = state.blend_get(), state.depth_test_get(), state.depth_mask_get()
         try:
-            state.blend_set("ALPHA")
+            state.blend_set("ALPHA_PREMULT")
             state.depth_test_set("NONE")
             state.depth_mask_set(False)
             self._shader.bind()
-            self._shader.uniform_sampler("picture", picture.handle)
-            self._shader.uniform_sampler("reference", (reference or picture).handle)
+            for name, texture in zip(SAMPLERS, textures, strict=True):
+                assert isinstance(texture, BlenderTexture)
+                self._shader.uniform_sampler(name, texture.handle)
             self._shader.uniform_float("viewport_size", (width, height))
             self._shader.uniform_float("viewport_origin", (left, bottom))
             self._shader.uniform_int("display", display.value)
+            self._shader.uniform_int("has_shadows", picture.has_shadows)
+            self._shader.uniform_int("has_reflections", picture.has_reflections)
             self._triangle.draw(self._shader)
         finally:
             state.blend_set(before[0])

@@ -18,7 +18,9 @@ import bpy
 import numpy as np
 
 from ...core.errors import DeviceError, VirError
-from ...core.settings import Effect, Settings
+from ...core.picture import Choice
+from ...core.picture import Shown as ShownPasses
+from ...core.settings import Settings
 from .. import devices
 from ..frame_state import is_rendering
 from ..mesh_cache import MeshCache
@@ -56,10 +58,6 @@ class Shown:
     stuck_settings: Settings | None = None
     is_outdated: bool = False
     """there is something that was not drawn yet"""
-
-    @property
-    def leaves_out_reflections(self) -> bool:
-        return self.stuck_settings is not None and Effect.REFLECTION in self.stuck_settings.effects
 
     @property
     def is_busy(self) -> bool:
@@ -182,8 +180,9 @@ def _draw_region(context: bpy.types.Context) -> None:
     shown = _look(address, (scene.session_uid, context.view_layer.name), view)
     preview = shown.preview
     if preview is not None:
-        chosen = scene.vir.preview_light
-        preview.render.light_name = chosen if chosen in scene.objects else None  # it may have been deleted
+        choice = _choice_of(scene)
+        if choice != preview.render.choice:
+            preview.render.choice, shown.is_stuck = choice, False
         if shown.is_busy:
             _wake()
         display = Display[scene.vir.preview_display]
@@ -193,6 +192,12 @@ def _draw_region(context: bpy.types.Context) -> None:
             _running.overlay = Overlay()
         _running.overlay.draw(preview.picture, display, preview.reference)
     draw_text(context, status_text(shown))
+
+
+def _choice_of(scene: bpy.types.Scene) -> Choice:
+    light_name = scene.vir.preview_light
+    # it may have been deleted
+    return Choice(ShownPasses[scene.vir.preview_pass], light_name if light_name in scene.objects else None)
 
 
 def _view_of(region: Any, space: Any, region_3d: Any, view_layer: Any) -> ViewportView | None:
@@ -226,11 +231,12 @@ def status_text(shown: Shown) -> str:
     standing = shown.preview.render.standing
     if not standing.views_total:
         return "VIR: preparing" if not shown.preview.is_done else "VIR: no light has a pass to show"
+    if shown.preview.is_done and shown.preview.picture is None:
+        return f"VIR: {'nothing reflects' if shown.preview.render.choice.shown.has_reflections else 'this light has no pass to show'}"
     error = f"error {standing.error_estimate:.3f}" if standing.error_estimate < 1 else "error unknown"
     size = shown.preview.level.pixel_size
     coarse = f", 1/{size} resolution" if size > 1 else ""
-    left_out = ", without reflections" if shown.leaves_out_reflections else ""
-    return f"VIR: {standing.views_done} of {standing.views_total} views, {error}, {standing.busy_ms:.0f} ms{coarse}{left_out}"
+    return f"VIR: {standing.views_done} of {standing.views_total} views, {error}, {standing.busy_ms:.0f} ms{coarse}"
 
 
 # time
@@ -324,6 +330,7 @@ def _advance(shown: Shown, scene: bpy.types.Scene, view_layer: bpy.types.ViewLay
         cache = _running.caches.setdefault(shown.layer, MeshCache())
         shown.preview = ViewportPreview(device, _running.executor, cache)
         shown.preview.look(shown.view)
+    shown.preview.render.choice = _choice_of(scene)
     depsgraph = view_layer.depsgraph
     if depsgraph is None:
         return False

@@ -14,11 +14,13 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
+from ...core.errors import UsageError
+from ...core.picture import Choice, Picture, Shown
 from ...core.plan import settings_for
 from ...core.progressive import ProgressiveRender
-from ...core.scene import SceneSnapshot, has_same_picture, is_same_light
+from ...core.scene import SceneSnapshot, has_same_picture, has_same_surfaces, is_same_light
 from ...core.settings import Effect, Settings
-from ...device.interface import Device, Texture
+from ...device.interface import Device
 from ..extract import snapshot
 from ..mesh_cache import MeshCache, OutOfTimeError
 from ..viewport_view import ViewportView
@@ -58,9 +60,9 @@ class ViewportPreview:
         self._read_view: ViewportView | None = None
         """of the snapshot that is rendered"""
         self._picture_view: ViewportView | None = None
-        self.reference: Texture | None = None
+        self.reference: Picture | None = None
         """what `picture` is compared with: of the same view, when that had come to its end for the first time"""
-        self._reference_of: tuple[ViewportView, str | None] | None = None
+        self._reference_of: tuple[ViewportView, Choice] | None = None
         self._wanted: Settings | None = None
         self._budget_s = 0.0
         self._has_failed = False
@@ -75,7 +77,7 @@ class ViewportPreview:
         return self.view is None or (not self.must_read and self._read_view is self.view and self.render.is_done)
 
     @property
-    def picture(self) -> Texture | None:
+    def picture(self) -> Picture | None:
         """Of what the viewport looks at now, or nothing."""
         return self.render.picture if self.render.picture_of is not None and self._picture_view is self.view else None
 
@@ -97,6 +99,7 @@ class ViewportPreview:
         start = time.perf_counter()
         if self.view is None:
             return False
+        settings = replace(settings, effects=self._wanted_effects(settings))
         if (settings, budget_s) != (self._wanted, self._budget_s):
             self._wanted, self._budget_s, self._finest_index, self._read_view = settings, budget_s, 0, None
         if self.must_read or self._read_view is not self.view:
@@ -115,17 +118,26 @@ class ViewportPreview:
         self._choose_level(budget_s)
         return has_changed
 
+    def _wanted_effects(self, settings: Settings) -> tuple[Effect, ...]:
+        """What has to be made of what the artist has switched on. UsageError: nothing."""
+        effects = self.render.choice.shown.effects_of(settings.effects)
+        if not effects:
+            missing = "shadows" if self.render.choice.shown is Shown.SHADOW else "reflections"
+            raise UsageError(f"{missing} are switched off: switch them on under Effects, or let the preview show other passes")
+        return effects
+
     def _show(self, depsgraph: bpy.types.Depsgraph, view: ViewportView, settings: Settings, budget_s: float) -> None:
         width_px, height_px = (math.ceil(extent / self.level.pixel_size) for extent in (view.width_px, view.height_px))
         scaled = replace(view, width_px=width_px, height_px=height_px)
         before = self.render.snapshot
-        must_read = self.must_read or before is None
+        reflects = Effect.REFLECTION in settings.effects
+        must_read = self.must_read or before is None or (reflects and before.world is None)
         # whatever happens now does not happen again before something changes
         self.must_read, self._read_view = False, view
         if must_read:
             start = time.perf_counter()
             self.cache.begin(budget_s)
-            taken = snapshot(depsgraph, view=scaled, cache=self.cache)
+            taken = snapshot(depsgraph, view=scaled, cache=self.cache, with_materials=reflects)
             self.cache.end()
             self.read_ms = (time.perf_counter() - start) * 1e3
         elif before is not None:
@@ -133,7 +145,6 @@ class ViewportPreview:
             taken = replace(before, camera=camera, width_px=scaled.width_px, height_px=scaled.height_px)
         wanted = replace(
             settings_for(self.render.device, settings),
-            effects=(Effect.SHADOW,),
             map_resolution_px=min(settings.map_resolution_px, self.level.map_resolution_px),
             batch_view_count=min(settings.batch_view_count, self.level.batch_view_count),
         )
@@ -154,7 +165,7 @@ class ViewportPreview:
 
     def compare(self, is_wanted: bool) -> None:
         """Keep a reference for the view and the light that are shown, or none. To be called whenever there may be another picture."""
-        shown = None if self.view is None else (self.view, self.render.light_name)
+        shown = None if self.view is None else (self.view, self.render.choice)
         if self.reference is not None and not (is_wanted and self._reference_of == shown):
             self.reference.release()
             self.reference = self._reference_of = None
@@ -180,4 +191,5 @@ def is_same_scene(one: SceneSnapshot, other: SceneSnapshot) -> bool:
         has_same_picture(one, other)
         and len(one.lights) == len(other.lights)
         and all(is_same_light(a, b) for a, b in zip(one.lights, other.lights, strict=True))
+        and ((one.world is None and other.world is None) or has_same_surfaces(one, other))
     )

@@ -13,8 +13,6 @@ from collections.abc import Iterable
 import numpy as np
 
 from ...device.declaration import Sampled
-from ...device.interface import Device
-from ...device.owned import Owned
 from ..material import Extension, ImageTexels
 from ..material_program import IMAGE_ALPHA, IMAGE_DIVIDED, IMAGE_INTERPOLATED
 
@@ -74,21 +72,12 @@ def _pack_into(image: ImageTexels, rows: np.ndarray) -> None:
             values[: len(pairs)] = pairs[:, 0] | pairs[:, 1] << 8
 
 
-class MaterialImages:
-    """Uploads images, each once."""
-
-    def __init__(self, images: Iterable[ImageTexels], device: Device) -> None:
-        images = list(dict.fromkeys(images))
-        counts = [texel_count_of(image) for image in images]
-        starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-        rows = np.zeros((int(starts[-1]), 4), np.float32)
-        for image, start, count in zip(images, starts, counts, strict=False):
-            _pack_into(image, rows[start : start + count])
-        self.bases = {image: int(start) for image, start in zip(images, starts, strict=False)}
-        """where each image's header is"""
-        with Owned() as owned:
-            self.texture = owned.own(device.upload_array(rows))
-            self._owned = owned.pop_all()
-
-    def release(self) -> None:
-        self._owned.close()
+def pack_images(images: Iterable[ImageTexels]) -> tuple[np.ndarray, dict[ImageTexels, int]]:
+    """Each once: (n, 4) float32 texels, and where each image's header is."""
+    images = list(dict.fromkeys(images))
+    counts = [texel_count_of(image) for image in images]
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    rows = np.zeros((int(starts[-1]), 4), np.float32)
+    for image, start, count in zip(images, starts, counts, strict=False):
+        _pack_into(image, rows[start : start + count])
+    return rows, {image: int(start) for image, start in zip(images, starts, strict=False)}

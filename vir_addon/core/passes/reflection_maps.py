@@ -9,6 +9,7 @@ All maps of a frame are one list of texels:
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass
 
 import numpy as np
@@ -166,10 +167,8 @@ class ReflectionMaps:
     def bindings(self) -> dict[str, Texture]:
         return {"map_headers": self.headers, "map_texels": self.texels}
 
-    def draw(self) -> None:
-        self.device.run(self._draw)
-
-    def _draw(self) -> None:
+    def drawing(self) -> Generator[None, None, None]:
+        """Face by face, on the device's thread."""
         sizes = [(each.width_px, each.face_count * each.height_px) for each in self.maps]
         for size in sorted(set(sizes)):
             # cleared for every map: no larger than it is
@@ -182,21 +181,22 @@ class ReflectionMaps:
                         continue
                     self.device.fill(visibility, 0)
                     self.device.fill(depth, 0)
-                    self._rasterize(target, each)
+                    for face in range(each.face_count):
+                        self._rasterize(target, each, face)
+                        yield
                     self._store(visibility, number, each)
 
-    def _rasterize(self, target: RenderTarget, drawn: ReflectionMap) -> None:
-        for face in range(drawn.face_count):
-            inside = instances_in_face(drawn, face, self.corners_ws)
-            cut_out = self.scene_data.cut_out[inside]
-            draws, cut_out_draws = self.scene_data.draws(inside[~cut_out]), self.scene_data.draws(inside[cut_out])
-            viewport = (0, face * drawn.height_px, drawn.width_px, drawn.height_px)
-            bindings = {"clip_from_world": drawn.clip_from_world(face), "instances": self.scene_data.instances}
-            self.device.raster_kernel(VISIBILITY).draw(target, viewport, draws, **bindings)
-            if self.scene_data.opacity_maps is not None:
-                self.device.raster_kernel(VISIBILITY_OF_CUT_OUTS).draw(
-                    target, viewport, cut_out_draws, **bindings, **self.scene_data.opacity_maps.bindings, rasterization=0
-                )
+    def _rasterize(self, target: RenderTarget, drawn: ReflectionMap, face: int) -> None:
+        inside = instances_in_face(drawn, face, self.corners_ws)
+        cut_out = self.scene_data.cut_out[inside]
+        draws, cut_out_draws = self.scene_data.draws(inside[~cut_out]), self.scene_data.draws(inside[cut_out])
+        viewport = (0, face * drawn.height_px, drawn.width_px, drawn.height_px)
+        bindings = {"clip_from_world": drawn.clip_from_world(face), "instances": self.scene_data.instances}
+        self.device.raster_kernel(VISIBILITY).draw(target, viewport, draws, **bindings)
+        if self.scene_data.opacity_maps is not None:
+            self.device.raster_kernel(VISIBILITY_OF_CUT_OUTS).draw(
+                target, viewport, cut_out_draws, **bindings, **self.scene_data.opacity_maps.bindings, rasterization=0
+            )
 
     def _store(self, visibility: Texture, number: int, drawn: ReflectionMap) -> None:
         self.device.compute_kernel(REFLECTION_TEXELS).dispatch_grid(

@@ -191,3 +191,20 @@ ADD_REFLECTIONS = ComputeDeclaration(
     constants={**SIZE_CONSTANTS, **WALK_CONSTANTS},
     defines={**TILE_DEFINES, **LUMINANCE_DEFINES},
 )
+
+SHOW_REFLECTIONS = ComputeDeclaration(
+    name="show_reflections",
+    text="draws what reflectors show into a picture that stays on the device",
+    source="show_reflections.comp.glsl",
+    local_size=(TILE_PX, TILE_PX, 1),
+    textures={
+        "radiance_sums": Sampled("sampler2D", "sums over rounds of radiance"),
+        "color_sums": Sampled("sampler2D", "sums over rounds of what it is multiplied by, and of rounds that show a reflector"),
+    },
+    images={"picture": Stored("RGBA32F", "write", "colour times the share of reflectors in the pixel, and this share; of light to add: 0")},
+    constants={
+        **SIZE_CONSTANTS,
+        "round_count": Constant("int", "rounds in the sums"),
+        "shown": Constant("int", "0: the reflection, 1: its colour, 2: both multiplied, which is light to add"),
+    },
+)

@@ -11,12 +11,13 @@ surface_images  see material_images.py
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from ...device.declaration import Sampled
 from ...device.interface import Device, Texture, split_integers
-from ...device.owned import Owned
+from ...device.owned import Owned, Shared
 from ..material import ImageTexels, Layer, LayerKind, Material, World
 from ..material_program import (
     LUMINANCE,
@@ -33,7 +34,7 @@ from ..material_program import (
 )
 from ..reflectance_table import COSINE_COUNT, LARGEST_Z, LEAST_Z, ROUGHNESS_COUNT, TABLE_TEXELS, reflectance_table
 from ..scene import SceneSnapshot
-from .material_images import IMAGE_DEFINES, IMAGE_TEXTURES, MaterialImages
+from .material_images import IMAGE_DEFINES, IMAGE_TEXTURES, pack_images
 
 _WORLD_TEXELS = 4
 _WORLD_BASE = ROUGHNESS_COUNT * COSINE_COUNT * TABLE_TEXELS
@@ -73,46 +74,61 @@ SURFACE_DEFINES: Mapping[str, int | float] = {
 }
 
 
-class SurfaceData:
+class SurfaceRows(NamedTuple):
+    """What the textures of surfaces hold, (n, 4) float32 each."""
+
+    data: np.ndarray
+    images: np.ndarray
+
+
+def pack_surfaces(snapshot: SceneSnapshot) -> SurfaceRows:
+    """Work for the host alone, and most of an upload."""
+    if snapshot.world is None or snapshot.instances.material_set is None:
+        raise ValueError("the snapshot was taken without materials")
+    materials, meshes = snapshot.materials, snapshot.meshes
+    layers = sorted(set().union(*(material_layers(material) for material in materials)), key=lambda one: (one.kind.value, one.name))
+    image_rows, image_bases = pack_images(_all_images(materials, snapshot.world))
+    layer_index = {layer: index for index, layer in enumerate(layers)}
+    programs = [compile_material(material, layer_index, image_bases) for material in materials]
+    rows = _Rows()
+    rows.add(reflectance_table().reshape(-1, 4))
+    rows.add(_world_rows(snapshot.world, image_bases))
+    instance_rows = np.zeros((len(snapshot.instances), 4))
+    rows.add(instance_rows)
+    material_rows = [_material_rows(material, program, layer_index) for material, program in zip(materials, programs, strict=True)]
+    material_bases = np.array([rows.add(part) for part in material_rows], np.int64)
+    set_bases = np.array([rows.add(_place_rows(material_bases[list(one)])) for one in snapshot.material_sets], np.int64)
+    layer_tables = np.zeros((len(meshes), len(layers), 4))
+    first_table = rows.add(layer_tables.reshape(-1, 4))
+    instance_rows[:] = _instance_rows(snapshot, set_bases, first_table + len(layers) * np.arange(len(meshes)))
+    for part, program in zip(material_rows, programs, strict=True):
+        part[0, :2] = split_integers(np.array(rows.add(program.rows))) if len(program.rows) else -1.0
+    for table, mesh in zip(layer_tables, meshes, strict=True):
+        for layer, values in mesh.layers.items():
+            if layer in layer_index:
+                table[layer_index[layer]] = (
+                    *split_integers(np.array(rows.add(_layer_rows(layer, values)))),
+                    1.0,
+                    _texels_per_triangle(layer),
+                )
+    return SurfaceRows(rows.gather(), image_rows)
+
+
+class SurfaceData(Shared):
     """Uploads what a snapshot with materials says about surfaces."""
 
-    def __init__(self, snapshot: SceneSnapshot, device: Device) -> None:
-        if snapshot.world is None or snapshot.instances.material_set is None:
-            raise ValueError("the snapshot was taken without materials")
-        materials, meshes = snapshot.materials, snapshot.meshes
-        layers = sorted(set().union(*(material_layers(material) for material in materials)), key=lambda one: (one.kind.value, one.name))
+    def __init__(self, snapshot: SceneSnapshot, device: Device, rows: SurfaceRows | None = None) -> None:
+        """rows: of this snapshot, if they are packed already"""
+        self.snapshot = snapshot
+        rows = pack_surfaces(snapshot) if rows is None else rows
         with Owned() as owned:
-            self.images = owned.own(MaterialImages(_all_images(materials, snapshot.world), device))
-            layer_index = {layer: index for index, layer in enumerate(layers)}
-            programs = [compile_material(material, layer_index, self.images.bases) for material in materials]
-            rows = _Rows()
-            rows.add(reflectance_table().reshape(-1, 4))
-            rows.add(_world_rows(snapshot.world, self.images.bases))
-            instance_rows = np.zeros((len(snapshot.instances), 4))
-            rows.add(instance_rows)
-            material_rows = [_material_rows(material, program, layer_index) for material, program in zip(materials, programs, strict=True)]
-            material_bases = np.array([rows.add(part) for part in material_rows], np.int64)
-            set_bases = np.array([rows.add(_place_rows(material_bases[list(one)])) for one in snapshot.material_sets], np.int64)
-            layer_tables = np.zeros((len(meshes), len(layers), 4))
-            first_table = rows.add(layer_tables.reshape(-1, 4))
-            instance_rows[:] = _instance_rows(snapshot, set_bases, first_table + len(layers) * np.arange(len(meshes)))
-            for part, program in zip(material_rows, programs, strict=True):
-                part[0, :2] = split_integers(np.array(rows.add(program.rows))) if len(program.rows) else -1.0
-            for table, mesh in zip(layer_tables, meshes, strict=True):
-                for layer, values in mesh.layers.items():
-                    if layer in layer_index:
-                        table[layer_index[layer]] = (
-                            *split_integers(np.array(rows.add(_layer_rows(layer, values)))),
-                            1.0,
-                            _texels_per_triangle(layer),
-                        )
             self.bindings: dict[str, Texture] = {
-                "surface_data": owned.own(device.upload_array(rows.gather())),
-                "surface_images": self.images.texture,
+                "surface_data": owned.own(device.upload_array(rows.data)),
+                "surface_images": owned.own(device.upload_array(rows.images)),
             }
             self._owned = owned.pop_all()
 
-    def release(self) -> None:
+    def _free(self) -> None:
         self._owned.close()
 
 
