@@ -7,11 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.scenes import box, floor, matte, mirror, perspective_camera, rectangle, snapshot
+from tests.core.test_reflections import box_colors, camera_rays, colored_box
+from tests.scenes import box, bumpy_sphere, floor, matte, mirror, perspective_camera, rectangle, render_passes, snapshot
 from vir_addon.core.material import Constant, ImageSample, ImageTexels, Operation, TableLookup, World
 from vir_addon.core.material_program import combined, typical_value
+from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
 from vir_addon.core.passes.reflection_maps import instances_in_face
 from vir_addon.core.plan import plan as planned
+from vir_addon.core.reflectors import MAX_GROUPS, MIN_MAP_RAYS
+from vir_addon.core.render import render
 from vir_addon.core.settings import Effect, Settings
 
 WIDTH, HEIGHT = 160, 90
@@ -80,14 +84,70 @@ def test_reflectors_behind_the_camera_call_for_no_second_bounce():
     assert [each.name for each in found.reflectors if each.runs] == ["ball 0"]
 
 
-def test_small_reflectors_share_a_line_and_have_no_maps():
+def test_small_reflectors_near_each_other_share_maps():
     rails = [box(f"rail {k}", (0.02 * (k % 103) - 1, 0.1 * (k // 103), 0.5), (0.002, 0.002, 0.02)) for k in range(309)]
     ball = box("ball", (0, 1, 0.5), (0.5, 0.5, 0.5))
     camera = perspective_camera((0.5, -3.0, 1.5), (0, 1, 0.4), WIDTH, HEIGHT, 0.6)
     scene = snapshot([*rails, ball], [], camera, WIDTH, HEIGHT, materials=[mirror()] * 310, world=World())
     found = reflectors_of(scene)
-    assert [(each.name, each.runs) for each in found.reflectors] == [("ball", True), ("309 small reflectors", False)]
-    assert (found.instance_maps(310)[:309] == -1).all()
+    assert found.reflectors[0].name == "ball"
+    assert "one map" in found.reflectors[1].reason
+    assert len(found.reflectors) <= 1 + MAX_GROUPS
+    assert (found.instance_maps(310)[:, 0] >= 0).all()
+    assert not np.isin(found.reflectors[1].instances, found.reflectors[1].seen.instances).any()
+
+
+def test_shared_maps_show_the_right_things_and_cost_as_much_as_is_seen_of_them(device):
+    """Thin strips of mirror in a coloured box: none of them large enough for a map, one for all."""
+    walls, materials = colored_box(3.0)
+    strips = [rectangle(f"strip {k}", (0.12 * k - 0.7, 1.5, -0.3), (0.02, 0, 0), (0, 0, 0.6)) for k in range(12)]
+    hidden = [rectangle(f"hidden {k}", (0.12 * k - 0.7, 2.9, 2.5), (0.02, 0, 0), (0, 0, 0.1)) for k in range(12)]
+    camera = perspective_camera((0.2, -2.5, 0.4), (0, 1.5, 0), WIDTH, HEIGHT, 0.5)
+    scene = snapshot(
+        [*walls, *strips, *hidden], [], camera, WIDTH, HEIGHT, materials=[*materials, *[mirror()] * 24], world=World((0.5, 0.5, 0.5))
+    )
+    settings = Settings(effects=(Effect.REFLECTION,), reflection_sample_count=2, bounces=2)
+    *_, last = render(scene, planned(scene, settings), device)
+    found = last.statistics.reflections
+    assert 0 < found.map_count <= found.ray_count / MIN_MAP_RAYS, found.reflectors
+    assert any("12 reflectors" in line for line in found.reflectors)
+
+    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
+    at = eye + ((1.5 - eye[1]) / directions[..., 1])[..., None] * directions
+    truth, to_edge = box_colors(at, directions * (1, -1, 1), 3.0)
+    judged = (last.passes[REFLECTION_COLOR_PASS_NAME] > 0.99).all(axis=-1) & (to_edge > 0.1)
+    assert judged.sum() > 200
+    assert np.abs(last.passes[REFLECTION_PASS_NAME] - truth)[judged].max() < 0.01
+
+
+def test_reflectors_outside_of_the_picture_have_maps_where_others_show_them(device):
+    """A mirror in the picture shows another behind the eye, but not the one that stands beside it."""
+    width, height = 80, 45
+    walls, materials = colored_box(3.0)
+    front = rectangle("front", (-1, 2.5, -1), (2, 0, 0), (0, 0, 2))
+    behind = rectangle("behind", (-1, -2.8, -1), (0, 0, 2), (2, 0, 0))
+    beside = rectangle("beside", (2.0, 2.9, -1), (0.5, 0, 0), (0, 0, 2))
+    camera = perspective_camera((0.3, -1.0, 0.4), (0, 2.5, 0), width, height, 0.4)
+    scene = snapshot([*walls, front, behind, beside], [], camera, width, height, materials=[*materials, *[mirror()] * 3], world=World())
+    plan = planned(scene, Settings(effects=(Effect.REFLECTION,), reflection_sample_count=2, bounces=2))
+    assert sorted(each.name for each in plan.reflections.waiting) == ["behind", "beside"]
+    *_, last = render(scene, plan, device)
+    lines = last.statistics.reflections.reflectors
+    assert any(line.startswith("behind: mvr in the picture only within other reflectors") for line in lines)
+    assert any(line.startswith("beside: not in the picture") for line in lines)
+
+    eye, directions = camera_rays(camera, width, height)
+    first = eye + ((2.5 - eye[1]) / directions[..., 1])[..., None] * directions
+    back = directions * (1, -1, 1)
+    second = first + ((-2.8 - first[..., 1]) / back[..., 1])[..., None] * back
+    within = (np.abs(first[..., [0, 2]]) < 0.97).all(axis=-1) & (np.abs(second[..., [0, 2]]) < 0.97).all(axis=-1)
+    truth, to_edge = box_colors(second, directions, 3.0)
+    through = second + ((2.5 - second[..., 1]) / directions[..., 1])[..., None] * directions
+    judged = within & (to_edge > 0.1) & (np.abs(through[..., [0, 2]]) > 1.12).any(axis=-1)
+    # the other mirror behind it
+    judged &= np.abs(through[..., 0] - 2.25) > 0.6
+    assert judged.sum() > 100
+    assert np.abs(last.passes[REFLECTION_PASS_NAME] - truth)[judged].max() < 0.01
 
 
 def test_faces_draw_what_is_in_them_alone():
@@ -108,3 +168,30 @@ def test_faces_draw_what_is_in_them_alone():
         faces = 2 * axis + (np.take_along_axis(places, axis[:, None], 1)[:, 0] < 0)
         assert all(number in drawn[face] for face in faces)
     assert sum(map(len, drawn)) < 2 * len(boxes)
+
+
+def test_what_is_near_a_small_reflector_is_in_its_map_however_large_the_scene(device):
+    """A ball of 4 cm in a box of 12 cm, on a ground of two kilometres."""
+    half_m, radius_m, width, height = 0.06, 0.02, 64, 36
+    walls, materials = colored_box(half_m)
+    ball = bumpy_sphere("ball", (0, 0, 0), radius_m, 64, bump_share=0.0)
+    camera = perspective_camera((-0.055, -0.02, 0.016), (0, 0, 0), width, height, 0.6)
+    scene = snapshot(
+        [*walls, ball, floor(1000.0, -0.1)],
+        [],
+        dataclasses.replace(camera, clip_start_m=0.001),
+        width,
+        height,
+        materials=[*materials, mirror(), matte((0, 0, 0), (0.5, 0.5, 0.5))],
+        world=World(),
+    )
+    image = render_passes(scene, device, reflection_sample_count=2, effects=(Effect.REFLECTION,))[REFLECTION_PASS_NAME]
+    eye, directions = camera_rays(camera, width, height)
+    along = -directions @ eye
+    distance = np.linalg.norm(eye + along[..., None] * directions, axis=-1)
+    at = eye + (along - np.sqrt(np.maximum(radius_m**2 - distance**2, 0)))[..., None] * directions
+    normal = at / radius_m
+    truth, to_edge = box_colors(at, directions - 2 * (directions * normal).sum(axis=-1, keepdims=True) * normal, half_m)
+    judged = (distance < 0.95 * radius_m) & (to_edge > 0.1 * half_m)
+    assert judged.sum() > 300
+    assert np.abs(image - truth)[judged].max() < 0.01

@@ -90,7 +90,7 @@ def note_plan(scene: bpy.types.Scene, jobs: Mapping[str, LayerJob]) -> None:
 def _add_plan(state: SceneState, layer_name: str, job: LayerJob) -> None:
     state.plans[layer_name] = {planned.light_name: planned for planned in job.plan.passes}
     if job.plan.reflections is not None:
-        for reflector in job.plan.reflections.reflectors:
+        for reflector in job.plan.reflections.lines:
             how = f"{reflector.method_text}: {reflector.reason}" if reflector.runs and reflector.method_text else reflector.reason
             state.reflectors[reflector.name] = (reflector.runs, how)
     state.notes = tuple(dict.fromkeys((*state.notes, *job.plan.notes)))

@@ -53,7 +53,7 @@ def print_reflectors(console: Console, plan: RenderPlan) -> None:
     if plan.reflections is None:
         return
     table = Table("reflector", "runs", "method", "map", "why")
-    for reflector in plan.reflections.reflectors:
+    for reflector in plan.reflections.lines:
         drawn = reflector.seen or reflector.met
         size = f"{drawn.width_px} x {drawn.height_px} px{' x 6' * drawn.is_cube}" if drawn is not None else ""
         table.add_row(reflector.name, "yes" if reflector.runs else "no", reflector.method_text, size, reflector.reason)

@@ -109,7 +109,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     lights = _chosen_lights(snapshot, settings)
     names = unique_pass_names([light.name for light in snapshot.lights])
     bounds = compute_bounds(snapshot)
-    in_picture = snapshot.instances.visible_to_camera & _may_be_in_picture(snapshot.camera, bounds.corners_ws)
+    in_picture = instances_in_picture(snapshot, bounds)
     passes: tuple[PlannedPass, ...] = ()
     if Effect.SHADOW in settings.effects:
         places_ws = _visible_places(snapshot.camera, bounds.corners_ws[in_picture])
@@ -419,6 +419,11 @@ def _may_shine_on(light: Light, corners_ws: np.ndarray) -> bool:
     half = light.widest_half_cone_rad
     depth = center[:, 2] + radius_m / math.sin(half)
     return bool((before & (depth >= math.cos(half) * np.hypot(np.hypot(center[:, 0], center[:, 1]), depth))).any())
+
+
+def instances_in_picture(snapshot: SceneSnapshot, bounds: SceneBounds) -> np.ndarray:
+    """(instance_count,) bool: what the camera may see"""
+    return snapshot.instances.visible_to_camera & _may_be_in_picture(snapshot.camera, bounds.corners_ws)
 
 
 def _may_be_in_picture(camera: Camera, corners_ws: np.ndarray) -> np.ndarray:

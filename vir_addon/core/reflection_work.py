@@ -34,8 +34,9 @@ from .passes.surface_data import SurfaceData
 from .passes.tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
 from .picture import Shown
 from .plan import RenderPlan
-from .reflectors import PlannedReflections
+from .reflectors import PlannedReflections, with_met
 from .sampling import shuffled_unit_square_points, stable_seed
+from .seen_places import SeenPlaces
 from .settings import ReflectionLookUp
 from .steps import Steps
 from .stopwatch import Stopwatch
@@ -57,7 +58,7 @@ class Hits:
 
 class ReflectionWork:
     def __init__(self, planned: PlannedReflections, plan: RenderPlan, scene_data: SceneData, surfaces: SurfaceData, eye: EyePass) -> None:
-        self.planned, self.plan, self.scene_data, self.eye = planned, plan, scene_data, eye
+        self.plan, self.scene_data, self.eye = plan, scene_data, eye
         self.device: Device = scene_data.device
         width, height = self.size = eye.size
         parts = range(plan.eye_samples_per_batch)
@@ -73,21 +74,16 @@ class ReflectionWork:
         is_bright = snapshot.world is not None and max(snapshot.world.radiance) > 0
         self.has_surroundings = is_bright or any(typical_value(material.emission).max() > 0 for material in snapshot.materials)
         """Something but lights lights surfaces."""
-        self.statistics = ReflectionStatistics(
-            bounces=planned.bounces,
-            map_count=len(planned.maps),
-            map_texel_count=sum(each.texel_count for each in planned.maps),
-            reflectors=[f"{each.name}: {' '.join(filter(None, [each.method_text, each.reason]))}" for each in planned.reflectors],
-        )
+        self.statistics = ReflectionStatistics(bounces=planned.bounces)
         zeros = np.zeros((height, width, 4), np.float32)
+        self._drawn = Owned()
+        """maps, and which instances have which"""
         with Owned() as owned:
 
             def texture() -> Texture:
                 return owned.own(self.device.create_texture(width, height, TextureFormat.RGBA32F))
 
             self.materials = owned.own(surfaces.share())
-            self.maps = owned.own(ReflectionMaps(scene_data, plan.bounds, list(planned.maps)))
-            self.instance_maps = owned.own(self.device.upload_array(planned.instance_maps(len(snapshot.instances))))
             self.rays = {name: texture() for name in ("ray_origins", "ray_directions", "throughputs")}
             self.surfaces = texture()
             self.radiances = [texture() for _ in parts]
@@ -96,6 +92,8 @@ class ReflectionWork:
                 [Hits(part, GBuffer(texture(), texture()), texture(), texture()) for _ in range(planned.bounces)] for part in parts
             ]
             self.sums = {name: owned.own(self.device.upload_texture(zeros)) for name in ("radiance_sums", "color_sums")}
+            owned.callback(self._forget_maps)
+            self._use(planned)
             self.tiles = Tiles(self.device, np.ones(self.tiles_shown.shape, bool))
             self._owned = owned.pop_all()
         self._lit_tiles: dict[int, Tiles] = {}
@@ -107,6 +105,38 @@ class ReflectionWork:
                 with stopwatch.stage("reflection maps"):
                     is_drawing = next(faces, True) is None
                 yield None
+
+    def _use(self, planned: PlannedReflections, drawn_before: ReflectionMaps | None = None) -> None:
+        """drawn_before: the first of the maps"""
+        with Owned() as owned:
+            maps = owned.own(ReflectionMaps(self.scene_data, self.plan.bounds, planned.maps, drawn_before))
+            instance_maps = owned.own(self.device.upload_array(planned.instance_maps(len(self.scene_data.snapshot.instances))))
+            self._forget_maps()
+            self._drawn = owned.pop_all()
+        self.planned, self.maps, self.instance_maps = planned, maps, instance_maps
+        self.statistics.map_count = len(planned.maps)
+        self.statistics.map_texel_count = sum(each.texel_count for each in planned.maps)
+        self.statistics.reflectors = [f"{each.name}: {' '.join(filter(None, [each.method_text, each.reason]))}" for each in planned.lines]
+
+    def _forget_maps(self) -> None:
+        self._drawn.close()
+
+    def preparing(self, offsets: list[int], stopwatch: Stopwatch) -> Steps:
+        """Draw maps and trace the first batch: what shows of other reflectors decides which of these have maps. offsets: as of `tracing`"""
+        while True:
+            yield from self.drawing_maps(stopwatch)
+            yield from self.tracing(offsets, 0, stopwatch)
+            if self.planned.bounces == 1 or not self.planned.waiting:
+                break
+            with stopwatch.stage("read-back"):
+                waiting = np.zeros(len(self.scene_data.snapshot.instances), bool)
+                waiting[np.concatenate([each.instances for each in self.planned.waiting])] = True
+                hits = SeenPlaces([self.read_hits(hits)[0] for part in self.hits for hits in part[:-1]], waiting, len(self.hits))
+            planned = with_met(self.planned, self.scene_data.snapshot, self.plan.bounds, self.plan.settings, hits)
+            if planned is self.planned:
+                break
+            self._use(planned, self.maps)
+            self._is_counted = False
 
     def find_tiles(self, instances: np.ndarray) -> None:
         """Work only where a reflector is, or may be at other sub-pixel offsets. instances: (height, width) of an eye G-buffer, -1: none"""

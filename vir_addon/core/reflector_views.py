@@ -21,8 +21,10 @@ INSCRIBED_SHARE = 0.9 / math.sqrt(3)
 """A face's near plane reaches as far as this share at its corners."""
 TOWARDS_EYE_SHARE = 0.7
 """how far from the middle of a solid towards its side that the eye sees its map's centre lies"""
-MIN_NEAR_SHARE = 1e-4
-"""of the reach: depth that the rasterizer still tells apart"""
+NEAR_SHARE = 3e-3
+"""of a reflector's size: so near to a map's centre nothing is looked for"""
+NEAR_OF_NEAREST = 0.9
+"""of the smallest depth of anything that a view is to show"""
 MAX_INSCRIBED_TRIANGLES = 1 << 18
 CONVEXITY_TRIANGLES, CONVEXITY_CORNERS = 512, 4096
 CONVEXITY_SHARE = 1e-3
@@ -40,8 +42,8 @@ def eye_is_inside(snapshot: SceneSnapshot, corners_ws: np.ndarray) -> bool:
     return bool(inside.all()) and not snapshot.camera.is_orthographic
 
 
-def _reach(bounds: SceneBounds, center_ws: np.ndarray) -> float:
-    return 1.01 * float(np.linalg.norm(bounds.corners_ws.reshape(-1, 3) - center_ws, axis=1).max())
+def _reach(corners_ws: np.ndarray, center_ws: np.ndarray) -> float:
+    return 1.01 * float(np.linalg.norm(corners_ws.reshape(-1, 3) - center_ws, axis=1).max())
 
 
 def _shown(snapshot: SceneSnapshot) -> np.ndarray:
@@ -51,7 +53,6 @@ def _shown(snapshot: SceneSnapshot) -> np.ndarray:
 
 
 def _cube(bounds: SceneBounds, center_ws: np.ndarray, near_m: float, side_px: int, instances: np.ndarray) -> ReflectionMap:
-    reach_m = _reach(bounds, center_ws)
     return ReflectionMap(
         center_ws=center_ws,
         axes=np.eye(3),
@@ -59,31 +60,54 @@ def _cube(bounds: SceneBounds, center_ws: np.ndarray, near_m: float, side_px: in
         width_px=side_px,
         height_px=side_px,
         window=(-1.0, 1.0, -1.0, 1.0),
-        near_m=max(near_m, MIN_NEAR_SHARE * reach_m),
-        reach_m=reach_m,
+        near_m=near_m,
+        reach_m=_reach(bounds.corners_ws, center_ws),
         instances=instances,
     )
 
 
-def cube_around_eye(snapshot: SceneSnapshot, bounds: SceneBounds, side_px: int) -> ReflectionMap:
-    """Of a room of mirrors, which it sees as well."""
-    return _cube(bounds, snapshot.camera.world_from_view[:3, 3], 0.0, side_px, _shown(snapshot))
+def _near(snapshot: SceneSnapshot, corners_ws: np.ndarray, center_ws: np.ndarray) -> float:
+    """Metres around a place on or in a reflector, (n, 3) corners of its boxes, that nothing else is in, or nothing that the eye would see
+    in it: less than a share of the reflector's size, or than half a pixel."""
+    left, right = snapshot.camera.window[:2]
+    pixel_m = abs(right - left) / snapshot.width_px
+    if not snapshot.camera.is_orthographic:
+        pixel_m *= float(np.linalg.norm(center_ws - snapshot.camera.world_from_view[:3, 3]))
+    return max(NEAR_SHARE * float(np.ptp(corners_ws, axis=0).max()), pixel_m / 2)
+
+
+def cube_around_eye(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray, side_px: int) -> ReflectionMap:
+    """Of a room of mirrors, which it sees as well. own: (n,) int64 its instances"""
+    eye_ws = snapshot.camera.world_from_view[:3, 3]
+    return _cube(bounds, eye_ws, _near(snapshot, bounds.corners_ws[own].reshape(-1, 3), eye_ws), side_px, _shown(snapshot))
 
 
 def cube_around(
-    snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray, side_px: int, *, nearer_to_eye: bool = False
+    snapshot: SceneSnapshot,
+    bounds: SceneBounds,
+    own: np.ndarray,
+    side_px: int,
+    *,
+    place_ws: np.ndarray,
+    nearer_to_eye: bool = False,
 ) -> ReflectionMap:
-    """From the middle of a reflector all but itself. own: (n,) int64 its instances. nearer_to_eye: from nearer to the places that the eye
-    sees, if it is solid: rays from there meet less that is hidden from the map."""
+    """All but the reflector itself: from the middle of one that is solid, otherwise from a place on it, which lies in nothing else.
+
+    own: (n,) int64 its instances; place_ws: (3,). nearer_to_eye: from nearer to the places that the eye sees of a solid: rays from
+    there meet less that is hidden from the map.
+    """
     corners = bounds.corners_ws[own].reshape(-1, 3)
     center_ws = (corners.min(axis=0) + corners.max(axis=0)) / 2
     radius_m = _inscribed_radius(snapshot, own, center_ws)
-    if nearer_to_eye:
+    if not radius_m > 0:
+        center_ws = place_ws
+    elif nearer_to_eye:
         matrix = snapshot.camera.world_from_view
         toward = matrix[:3, 2] if snapshot.camera.is_orthographic else matrix[:3, 3] - center_ws
         center_ws = center_ws + TOWARDS_EYE_SHARE * radius_m * toward / np.linalg.norm(toward)
         radius_m *= 1 - TOWARDS_EYE_SHARE
-    return _cube(bounds, center_ws, INSCRIBED_SHARE * radius_m, side_px, np.setdiff1d(_shown(snapshot), own))
+    near_m = max(INSCRIBED_SHARE * radius_m, _near(snapshot, corners, center_ws))
+    return _cube(bounds, center_ws, near_m, side_px, np.setdiff1d(_shown(snapshot), own))
 
 
 def flat_plane(snapshot: SceneSnapshot, own: np.ndarray) -> np.ndarray | None:
@@ -123,14 +147,16 @@ def mirrored_view(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray,
     center_ws = eye_ws - 2 * height * plane[:3]
     right, up, backward = (mirrored @ camera.world_from_view[:3, :3]).T
     axes = np.stack([right, up, -backward])
-    return _view(snapshot, bounds, own, center_ws, axes, np.setdiff1d(_shown(snapshot), own), facing)
+    return _view(snapshot, bounds, own, center_ws, axes, np.setdiff1d(_shown(snapshot), own), abs(height), facing)
 
 
 def eye_view(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray) -> ReflectionMap:
     """The reflector as the eye sees it, alone: surfaces of it that show in others of it are mostly those that the eye sees."""
     matrix = snapshot.camera.world_from_view
     axes = np.stack([matrix[:3, 0], matrix[:3, 1], -matrix[:3, 2]])
-    return _view(snapshot, bounds, own, matrix[:3, 3], axes, np.intersect1d(_shown(snapshot), own), None)
+    depths = (bounds.corners_ws[own].reshape(-1, 3) - matrix[:3, 3]) @ axes[2]
+    nearest_m = max(float(depths.min()), snapshot.camera.clip_start_m)
+    return _view(snapshot, bounds, own, matrix[:3, 3], axes, np.intersect1d(_shown(snapshot), own), nearest_m)
 
 
 def _view(
@@ -140,9 +166,11 @@ def _view(
     center_ws: np.ndarray,
     axes: np.ndarray,
     instances: np.ndarray,
-    clipped_by: np.ndarray | None,
+    nearest_m: float,
+    clipped_by: np.ndarray | None = None,
 ) -> ReflectionMap:
-    """Through the part of the camera's window that a reflector covers, from the eye or its mirror image."""
+    """Through the part of the camera's window that a reflector covers, from the eye or its mirror image. nearest_m: no place that it is
+    to show lies nearer to its centre"""
     camera = snapshot.camera
     low_x, high_x, low_y, high_y = covered_window(camera, bounds.corners_ws[own].reshape(-1, 3))
     left, right, bottom, top = camera.window
@@ -154,16 +182,18 @@ def _view(
         # whole steps wide; one that would be too large has larger texels
         widths.append(max(sizes[-1] * step, extent + 2 * margin * step))
     x, y = low_x - margin * steps[0], low_y - margin * steps[1]
-    reach_m = _reach(bounds, center_ws)
+    window = (x, x + widths[0], y, y + widths[1])
+    # depth is along the axis
+    least_cosine = 1 / math.sqrt(1 + max(map(abs, window[:2])) ** 2 + max(map(abs, window[2:])) ** 2)
     return ReflectionMap(
         center_ws=center_ws,
         axes=axes,
         is_cube=False,
         width_px=sizes[0],
         height_px=sizes[1],
-        window=(x, x + widths[0], y, y + widths[1]),
-        near_m=MIN_NEAR_SHARE * reach_m,
-        reach_m=reach_m,
+        window=window,
+        near_m=NEAR_OF_NEAREST * nearest_m * least_cosine,
+        reach_m=_reach(bounds.corners_ws[instances], center_ws) if len(instances) else nearest_m,
         instances=instances,
         clipped_by=clipped_by,
     )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,14 +25,21 @@ from .reflector_views import (
     mirrored_view,
 )
 from .scene import SceneSnapshot
+from .seen_places import Candidate, SeenPlaces, near_each_other
 from .settings import Settings
 
 DEFAULT_BOUNCES = 2
 """where several reflectors in the picture may show in each other"""
-MAX_REFLECTORS = 64
-"""Each draws the scene up to six times."""
-MIN_PICTURE_SHARE = 0.001
-"""of the picture, which the box around a reflector must cover for it to have a map"""
+MAX_REFLECTORS, MAX_GROUPS = 64, 16
+"""with maps of their own, and of others that share theirs: each draws the scene"""
+MIN_PICTURE_SHARE, MIN_GROUP_SHARE = 0.001, 0.0001
+"""of the picture, which must show a reflector, or its box cover, for it to have a map of its own; and all small ones together, for any
+of them to have one"""
+MIN_MAP_RAYS = 64
+"""or so many pixels for a map of its own: in small pictures maps would cost more than all the rest"""
+TOO_SMALL_REASON = "skipped: all such together show in next to no pixels"
+MAX_LINES_ALIKE = 3
+"""of reflectors without maps for the same reason"""
 MAX_METAL_ROUGHNESS = 0.5
 MAX_DIELECTRIC_ROUGHNESS = 0.3
 """Rougher surfaces show no shapes: what they reflect is a part of how they are lit, which other renderers' diffuse light stands for."""
@@ -101,39 +109,111 @@ def reflecting_instances(snapshot: SceneSnapshot) -> np.ndarray:
     return found
 
 
-def choose_reflectors(snapshot: SceneSnapshot, bounds: SceneBounds, settings: Settings, in_picture: np.ndarray) -> PlannedReflections:
-    """All reflectors of the scene with what is drawn for each. in_picture: (instance_count,) bool"""
-    groups = _grouped(snapshot, np.flatnonzero(reflecting_instances(snapshot)))
-    chosen, left_out = _with_own_maps(snapshot, bounds, groups, in_picture)
-    seen_count = sum(in_picture[own].any() and _extent(bounds, own) > 0 for own in chosen)
-    # a single one has nothing to see itself in
-    bounces = settings.bounces or (DEFAULT_BOUNCES if seen_count > 1 else 1)
-    found = []
-    for own in chosen:
+def choose_reflectors(
+    snapshot: SceneSnapshot, bounds: SceneBounds, settings: Settings, in_picture: np.ndarray, seen: SeenPlaces | None = None
+) -> PlannedReflections:
+    """All reflectors of the scene with what is drawn for each.
+
+    in_picture: (instance_count,) bool. seen: what the picture shows of them; without, it is what boxes around them cover.
+    """
+    lines, candidates, others = [], [], []
+    for own in _grouped(snapshot, np.flatnonzero(reflecting_instances(snapshot))):
         name = snapshot.instances.object_names[snapshot.instances.object_index[own[0]]]
-        found.append(_plan_reflector(snapshot, bounds, name, own, bool(in_picture[own].any()), bounces))
-    if left_out:
-        reason = f"skipped: each covers less than {MIN_PICTURE_SHARE:.1%} of the picture, or {MAX_REFLECTORS} others cover more"
-        found.append(Reflector(f"{len(left_out)} small reflectors", np.concatenate(left_out), runs=False, reason=reason))
-    return PlannedReflections(tuple(_within_memory(found, settings)), bounces)
-
-
-def _with_own_maps(
-    snapshot: SceneSnapshot, bounds: SceneBounds, groups: list[np.ndarray], in_picture: np.ndarray
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Those that are worth maps of their own, in the scene's order, at most MAX_REFLECTORS; and the others. In the picture those that
-    cover most of it come first, then the largest that may show in others."""
-    least_px = MIN_PICTURE_SHARE * snapshot.width_px * snapshot.height_px
-    ranks = []
-    for number, own in enumerate(groups):
         corners = bounds.corners_ws[own].reshape(-1, 3)
-        covered = math.prod(covered_size_px(snapshot, corners)) if in_picture[own].any() else 0
-        if in_picture[own].any() and _extent(bounds, own) > 0 and covered < least_px:
-            continue
-        ranks.append((-covered, -_extent(bounds, own), number))
-    chosen = sorted(number for *_, number in sorted(ranks)[:MAX_REFLECTORS])
-    left_out = sorted(set(range(len(groups))) - set(chosen))
-    return [groups[number] for number in chosen], [groups[number] for number in left_out]
+        if not _extent(bounds, own) > 0:
+            lines.append(Reflector(name, own, runs=False, reason="skipped: it has no size"))
+        elif in_picture[own].any() and seen is None:
+            place_ws = (corners.min(axis=0) + corners.max(axis=0)) / 2
+            candidates.append(Candidate(name, own, math.prod(covered_size_px(snapshot, corners)), place_ws))
+        elif in_picture[own].any() and seen is not None and seen.count(own):
+            candidates.append(Candidate(name, own, seen.count(own), seen.middle(own)))
+        else:
+            others.append((name, own, bool(in_picture[own].any())))
+    # a single one has nothing to see itself in
+    bounces = settings.bounces or (DEFAULT_BOUNCES if len(candidates) > 1 else 1)
+    found, left_out = _with_maps(
+        snapshot,
+        candidates,
+        lambda each: _plan_reflector(snapshot, bounds, each, bounces, is_measured=seen is not None),
+        lambda group: _plan_group(snapshot, bounds, group, is_measured=seen is not None),
+    )
+    lines += _within_memory(found, settings.reflection_map_mib)
+    lines += [Reflector(each.name, each.own, runs=False, reason=TOO_SMALL_REASON) for each in left_out]
+    for name, own, is_hidden in others:
+        where = "hidden behind others" if is_hidden else "not in the picture"
+        reason = f"skipped: {where}" if bounces < 2 else f"{where}: a map if enough of it shows within other reflectors"
+        lines.append(Reflector(name, own, runs=bounces > 1, reason=reason))
+    return PlannedReflections(tuple(lines), bounces)
+
+
+def _with_maps(
+    snapshot: SceneSnapshot,
+    candidates: list[Candidate],
+    plan_one: Callable[[Candidate], Reflector],
+    plan_group: Callable[[list[Candidate]], Reflector],
+) -> tuple[list[Reflector], list[Candidate]]:
+    """Those that show much have maps of their own, at most MAX_REFLECTORS, others share maps; and those that show next to nothing
+    even together. The latter are asked for too."""
+    pixel_count = snapshot.width_px * snapshot.height_px
+    least_ray_count = max(MIN_PICTURE_SHARE * pixel_count, MIN_MAP_RAYS)
+    ranked = sorted(candidates, key=lambda each: -each.ray_count)
+    alone = [each for each in ranked[:MAX_REFLECTORS] if each.ray_count >= least_ray_count]
+    shared = ranked[len(alone) :]
+    ray_count = sum(each.ray_count for each in shared)
+    if ray_count < MIN_GROUP_SHARE * pixel_count:
+        return [plan_one(each) for each in alone], shared
+    groups = near_each_other(shared, max(least_ray_count, ray_count / MAX_GROUPS))
+    return [*map(plan_one, alone), *(plan_group(group) if len(group) > 1 else plan_one(group[0]) for group in groups)], []
+
+
+def with_met(
+    planned: PlannedReflections, snapshot: SceneSnapshot, bounds: SceneBounds, settings: Settings, hits: SeenPlaces
+) -> PlannedReflections:
+    """With maps for reflectors that the eye does not see but enough of which shows in others. The same if there is none."""
+    shown = [each for each in planned.waiting if hits.count(each.instances)]
+    candidates = [Candidate(each.name, each.instances, hits.count(each.instances), hits.middle(each.instances)) for each in shown]
+    reason = "in the picture only within other reflectors"
+
+    def plan_one(each: Candidate) -> Reflector:
+        cube = cube_around(snapshot, bounds, each.own, UNSEEN_MAP_PX, place_ws=each.place_ws)
+        return Reflector(each.name, each.own, runs=True, reason=reason, method_text="mvr", met=cube)
+
+    def plan_group(group: list[Candidate]) -> Reflector:
+        together = _together(group)
+        return Reflector(
+            together.name, together.own, True, f"{reason}; near each other: one map", "mvr", met=_group_cube(snapshot, bounds, together, 0)
+        )
+
+    found, _ = _with_maps(snapshot, candidates, plan_one, plan_group)
+    if not found:
+        return planned
+    used_mib = sum(each.texel_count for each in planned.maps) * BYTES_PER_TEXEL / (1 << 20)
+    found = _within_memory(found, settings.reflection_map_mib - used_mib)
+    has_map = np.concatenate([each.instances for each in found])
+    kept = tuple(each for each in planned.reflectors if each.maps or not np.isin(each.instances, has_map).any())
+    return replace(planned, reflectors=(*kept, *found), maps=(*planned.maps, *(drawn for each in found for drawn in each.maps)))
+
+
+def _together(group: list[Candidate]) -> Candidate:
+    """Seen where that one is which is nearest to the middle of all."""
+    weights = np.array([each.ray_count for each in group], np.float64)
+    places = np.array([each.place_ws for each in group])
+    middle = np.average(places, axis=0, weights=weights)
+    place_ws = places[np.argmin(((places - middle) ** 2).sum(axis=1))]
+    name = f"{group[0].name} and {len(group) - 1} more"
+    return Candidate(name, np.concatenate([each.own for each in group]), int(weights.sum()), place_ws)
+
+
+def _group_cube(snapshot: SceneSnapshot, bounds: SceneBounds, together: Candidate, covered_px: int) -> ReflectionMap:
+    return cube_around(snapshot, bounds, together.own, cube_size_px(covered_px), place_ws=together.place_ws)
+
+
+def _plan_group(snapshot: SceneSnapshot, bounds: SceneBounds, group: list[Candidate], *, is_measured: bool) -> Reflector:
+    together = _together(group)
+    covered_px = max(max(covered_size_px(snapshot, bounds.corners_ws[each.own].reshape(-1, 3))) for each in group)
+    cube = _group_cube(snapshot, bounds, together, covered_px)
+    reason = f"{'' if is_measured else 'up to '}{together.ray_count} px in the picture; small and near each other: one map"
+    return Reflector(together.name, together.own, True, reason, "mvr", cube, cube, None, None, (together.ray_count, 1))
 
 
 def _extent(bounds: SceneBounds, own: np.ndarray) -> float:
@@ -149,43 +229,35 @@ def _grouped(snapshot: SceneSnapshot, indices: np.ndarray) -> list[np.ndarray]:
     return [np.array(group, np.int64) for group in groups.values()]
 
 
-def _plan_reflector(
-    snapshot: SceneSnapshot, bounds: SceneBounds, name: str, own: np.ndarray, is_in_picture: bool, bounces: int
-) -> Reflector:
+def _plan_reflector(snapshot: SceneSnapshot, bounds: SceneBounds, candidate: Candidate, bounces: int, *, is_measured: bool) -> Reflector:
+    """Of one that the eye sees. is_measured: not only a guess by its box"""
+    name, own = candidate.name, candidate.own
     corners = bounds.corners_ws[own].reshape(-1, 3)
-    if not _extent(bounds, own) > 0:
-        return Reflector(name, own, runs=False, reason="skipped: it has no size")
-    if not is_in_picture and bounces < 2:
-        return Reflector(name, own, runs=False, reason="skipped: not in the picture")
-    if not is_in_picture:
-        reason = "in the picture only within other reflectors"
-        return Reflector(name, own, runs=True, reason=reason, method_text="mvr", met=cube_around(snapshot, bounds, own, UNSEEN_MAP_PX))
     covered_px = covered_size_px(snapshot, corners)
-    reason = f"{covered_px[0]} x {covered_px[1]} px in the picture"
+    reason = f"{candidate.ray_count} px in the picture" if is_measured else f"{covered_px[0]} x {covered_px[1]} px in the picture"
     side_px = cube_size_px(max(covered_px))
     plane = flat_plane(snapshot, own)
     if plane is not None and not snapshot.camera.is_orthographic:
         view = mirrored_view(snapshot, bounds, own, plane)
         if view is not None:
             # what the mirrored view does not show: rays from other reflectors, and what lights the surfaces that it shows
-            aside = cube_around(snapshot, bounds, own, min(side_px, ASIDE_MAP_PX))
+            aside = cube_around(snapshot, bounds, own, min(side_px, ASIDE_MAP_PX), place_ws=candidate.place_ws)
             return Reflector(name, own, True, f"{reason}; flat: one mirrored view", "planar", view, aside, aside, None, covered_px)
     if eye_is_inside(snapshot, corners):
-        cube = cube_around_eye(snapshot, bounds, side_px)
+        cube = cube_around_eye(snapshot, bounds, own, side_px)
         reason += "; the eye is inside, so its cube is around the eye"
         return Reflector(name, own, True, reason, "mvr", cube, cube, cube, None, covered_px)
-    seen = cube_around(snapshot, bounds, own, side_px, nearer_to_eye=True)
-    met = cube_around(snapshot, bounds, own, side_px) if bounces > 1 else None
+    seen = cube_around(snapshot, bounds, own, side_px, nearer_to_eye=True, place_ws=candidate.place_ws)
     itself = None
     if not (snapshot.camera.is_orthographic or is_convex_to_eye(snapshot, own)):
         itself = eye_view(snapshot, bounds, own)
         reason += "; not convex: a view of itself besides"
-    return Reflector(name, own, True, reason, "mvr", seen, met, None, itself, covered_px)
+    return Reflector(name, own, True, reason, "mvr", seen, seen if bounces > 1 else None, None, itself, covered_px)
 
 
-def _within_memory(reflectors: list[Reflector], settings: Settings) -> list[Reflector]:
+def _within_memory(reflectors: list[Reflector], memory_mib: float) -> list[Reflector]:
     """Smaller maps where all together would take more than the settings allow."""
-    budget = settings.reflection_map_mib * (1 << 20) // BYTES_PER_TEXEL
+    budget = memory_mib * (1 << 20) // BYTES_PER_TEXEL
     fitting, share = reflectors, 1.0
     while sum(each.texel_count for reflector in fitting for each in reflector.maps) > budget and share > 1 / MAX_MAP_PX:
         share *= SHRINKING
@@ -213,26 +285,37 @@ class PlannedReflections:
     reflectors: tuple[Reflector, ...]
     bounces: int
     predicted_ms: float = 0.0
-    maps: tuple[ReflectionMap, ...] = field(init=False)
+    maps: tuple[ReflectionMap, ...] = ()
+    """of all reflectors; those that were drawn first come first"""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "maps", tuple(each for reflector in self.reflectors for each in reflector.maps))
+        if not self.maps:
+            object.__setattr__(self, "maps", tuple(each for reflector in self.reflectors for each in reflector.maps))
 
     @property
     def runs(self) -> bool:
         return any(reflector.seen is not None for reflector in self.reflectors)
 
-    def without_hidden(self, is_seen: np.ndarray) -> PlannedReflections:
-        """Without the maps for what the eye sees of reflectors that it does not see. is_seen: (instance_count,) bool"""
-        reflectors = []
-        for reflector in self.reflectors:
-            if reflector.seen is None or is_seen[reflector.instances].any():
-                reflectors.append(reflector)
-                continue
-            met = reflector.met if self.bounces > 1 else None
-            reason = "skipped: hidden behind others" if met is None else "hidden from the eye, in the picture only within other reflectors"
-            reflectors.append(replace(reflector, runs=met is not None, reason=reason, seen=None, met=met, aside=None, itself=None))
-        return replace(self, reflectors=tuple(reflectors))
+    @property
+    def waiting(self) -> list[Reflector]:
+        """for others to show enough of them to have maps"""
+        return [each for each in self.reflectors if each.runs and not each.maps]
+
+    @property
+    def lines(self) -> list[Reflector]:
+        """What is to be told of the reflectors: where many without maps have the same reason, one for all of them."""
+        mapless: dict[tuple[bool, str], list[Reflector]] = {}
+        for each in self.reflectors:
+            if not each.maps:
+                mapless.setdefault((each.runs, each.reason), []).append(each)
+        told = [each for each in self.reflectors if each.maps]
+        for (runs, reason), alike in mapless.items():
+            if len(alike) > MAX_LINES_ALIKE:
+                instances = np.concatenate([each.instances for each in alike])
+                told.append(Reflector(f"{len(alike)} reflectors", instances, runs, reason))
+            else:
+                told += alike
+        return told
 
     def instance_maps(self, instance_count: int) -> np.ndarray:
         """(instance_count, 4) float32: numbers of the maps `seen`, `met`, `aside` and `itself`, -1: none"""

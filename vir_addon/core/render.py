@@ -28,11 +28,12 @@ from .passes.eye import EyePass
 from .passes.scene_data import SceneData, SceneGeometry, pack_geometry
 from .passes.surface_data import SurfaceData, pack_surfaces
 from .picture import Shown
-from .plan import PlannedPass, RenderPlan, check_device
+from .plan import PlannedPass, RenderPlan, check_device, instances_in_picture
 from .reflection_work import ReflectionWork
-from .reflectors import PlannedReflections
+from .reflectors import PlannedReflections, choose_reflectors, reflecting_instances
 from .sampling import pixel_offsets
 from .scene import Light, SceneSnapshot, has_same_meshes, has_same_picture, has_same_surfaces, is_same_light
+from .seen_places import SeenPlaces
 from .steps import HostWork, Steps, run_steps
 from .stopwatch import OnStage, Stopwatch
 
@@ -180,14 +181,13 @@ class Renderer:
     def _count_views(self) -> int:
         return sum(planned.view_count for planned in self._planned_lights().values()) or self.plan.batch_count * self.reflects
 
-    def _seen_instances(self, eye: EyePass, first_positions: np.ndarray) -> np.ndarray:
-        """(instance_count,) bool: in any of a batch's eye samples, the first of which was read already"""
-        is_seen = np.zeros(len(self.snapshot.instances), bool)
+    def _seen_reflectors(self, eye: EyePass, first_positions: np.ndarray) -> PlannedReflections:
+        """Reflections as a batch's eye samples call for them, the first of which was read already."""
         with self.stopwatch.stage("read-back"):
-            for positions in (first_positions, *(self.device.read(buffer.positions) for buffer in eye.buffers[1:])):
-                numbers = positions[..., 3]
-                is_seen[numbers[numbers >= 0].astype(np.int64)] = True
-        return is_seen
+            positions = [first_positions, *(self.device.read(buffer.positions) for buffer in eye.buffers[1:])]
+        snapshot, bounds = self.snapshot, self.plan.bounds
+        seen = SeenPlaces(positions, reflecting_instances(snapshot), len(positions))
+        return choose_reflectors(snapshot, bounds, self.plan.settings, instances_in_picture(snapshot, bounds), seen)
 
     @property
     def needs_eye(self) -> bool:
@@ -232,12 +232,14 @@ class Renderer:
             with self.stopwatch.stage("read-back"):
                 positions, normals = (self.device.read(texture) for texture in eye.buffers[0])
         if self.plan.reflections is not None and self.plan.reflections.runs:
-            in_sight = self.plan.reflections.without_hidden(self._seen_instances(eye, positions))
+            in_sight = self._seen_reflectors(eye, positions)
             self.reflects = in_sight.runs
             if self.reflects:
                 positions, normals = yield from self._preparing_reflections(in_sight, scene_data, eye, positions, normals)
             else:
-                self.statistics.notes.append("nothing reflects: all reflectors are hidden behind other surfaces")
+                self.statistics.notes.append(
+                    "nothing reflects: what reflectors show in the picture is hidden behind other surfaces, or next to nothing"
+                )
                 planned_lights = self._planned_lights().values()
                 self.views_total = self._count_views()
         lights = {light.name: light for light in self.snapshot.lights}
@@ -269,8 +271,7 @@ class Renderer:
             self.statistics.reflections = reflections.statistics
         reflections.find_tiles(positions[..., 3])
         yield None
-        yield from reflections.drawing_maps(self.stopwatch)
-        yield from reflections.tracing(self._current_offsets, 0, self.stopwatch)
+        yield from reflections.preparing(self._current_offsets, self.stopwatch)
         has_passes = any(planned.runs for planned in self.plan.passes)
         all_positions, all_normals = [positions] * has_passes, [normals] * has_passes
         with self.stopwatch.stage("read-back"):

@@ -9,7 +9,7 @@ All maps of a frame are one list of texels:
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from ...device.owned import Owned
 from ..bounds import SceneBounds
 from .eye import VISIBILITY, VISIBILITY_OF_CUT_OUTS
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
+from .small_triangles import COPY_TEXELS
 
 MAP_LEVELS = 6
 """so many that a texel of the coarsest is MAP_SIZE_STEP_PX wide"""
@@ -152,15 +153,25 @@ def instances_in_face(drawn: ReflectionMap, face: int, corners_ws: np.ndarray) -
 class ReflectionMaps:
     """Draws the maps of a frame with the hardware rasterizer, once."""
 
-    def __init__(self, scene_data: SceneData, bounds: SceneBounds, maps: list[ReflectionMap]) -> None:
+    def __init__(
+        self, scene_data: SceneData, bounds: SceneBounds, maps: Sequence[ReflectionMap], drawn_before: ReflectionMaps | None = None
+    ) -> None:
+        """drawn_before: the first of these maps, which need not be drawn again"""
         self.scene_data, self.device, self.maps = scene_data, scene_data.device, maps
         self.corners_ws = bounds.corners_ws
+        self._drawn_count = 0
         bases = np.concatenate([[0], np.cumsum([each.texel_count for each in maps])]).astype(np.int64)
         headers = np.concatenate([each.header(int(base)) for each, base in zip(maps, bases, strict=False)])
         rows = max(1, -(-int(bases[-1]) // LINEAR_TEXTURE_WIDTH))
         with Owned() as owned:
             self.headers = owned.own(self.device.upload_array(headers))
             self.texels = owned.own(self.device.create_texture(LINEAR_TEXTURE_WIDTH, rows, TextureFormat.RGBA32F))
+            if drawn_before is not None:
+                self._drawn_count = len(drawn_before.maps)
+                count = int(bases[self._drawn_count])
+                self.device.compute_kernel(COPY_TEXELS).dispatch_linear(
+                    count, original=drawn_before.texels, copied=self.texels, first_texel=0, texel_count=count
+                )
             self._owned = owned.pop_all()
 
     @property
@@ -168,16 +179,16 @@ class ReflectionMaps:
         return {"map_headers": self.headers, "map_texels": self.texels}
 
     def drawing(self) -> Generator[None, None, None]:
-        """Face by face, on the device's thread."""
+        """Those that have not been, face by face, on the device's thread."""
         sizes = [(each.width_px, each.face_count * each.height_px) for each in self.maps]
-        for size in sorted(set(sizes)):
+        for size in sorted(set(sizes[self._drawn_count :])):
             # cleared for every map: no larger than it is
             with Owned() as temporary:
                 visibility = temporary.own(self.device.create_texture(*size, TextureFormat.RG32UI))
                 depth = temporary.own(self.device.create_texture(*size, TextureFormat.DEPTH32F))
                 target = temporary.own(self.device.create_target(visibility, depth))
                 for number, each in enumerate(self.maps):
-                    if sizes[number] != size:
+                    if sizes[number] != size or number < self._drawn_count:
                         continue
                     self.device.fill(visibility, 0)
                     self.device.fill(depth, 0)
@@ -185,6 +196,7 @@ class ReflectionMaps:
                         self._rasterize(target, each, face)
                         yield
                     self._store(visibility, number, each)
+        self._drawn_count = len(self.maps)
 
     def _rasterize(self, target: RenderTarget, drawn: ReflectionMap, face: int) -> None:
         inside = instances_in_face(drawn, face, self.corners_ws)

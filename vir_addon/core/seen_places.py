@@ -1,0 +1,58 @@
+"""Where rays meet reflectors, and which reflectors are near enough to each other to share a map."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+
+class SeenPlaces:
+    """What G-buffers show of some instances."""
+
+    def __init__(self, positions: Sequence[np.ndarray], wanted: np.ndarray, sample_count: int) -> None:
+        """positions: (height, width, 4) each, instance numbers last, negative where nothing is; wanted: (instance_count,) bool;
+        sample_count: of a pixel, that the G-buffers are of"""
+        flat = np.concatenate([each.reshape(-1, 4) for each in positions])
+        shown = flat[flat[:, 3] >= 0]
+        shown = shown[wanted[shown[:, 3].astype(np.int64)]]
+        shown = shown[np.argsort(shown[:, 3], kind="stable")]
+        self._places_ws = shown[:, :3].astype(np.float64)
+        self._starts = np.searchsorted(shown[:, 3], np.arange(len(wanted) + 1))
+        self._sample_count = sample_count
+
+    def count(self, own: np.ndarray) -> int:
+        """Rays of a sample of every pixel that meet these instances, (n,) int64; at least 1 where any does."""
+        return -(-int((self._starts[own + 1] - self._starts[own]).sum()) // self._sample_count)
+
+    def middle(self, own: np.ndarray) -> np.ndarray:
+        """(3,) the one of the places on these instances that is nearest to the mean of all; there is one where `count` is not 0."""
+        places = np.concatenate([self._places_ws[self._starts[index] : self._starts[index + 1]] for index in own])
+        return places[np.argmin(((places - places.mean(axis=0)) ** 2).sum(axis=1))]
+
+
+class Candidate(NamedTuple):
+    """A reflector that may get a map."""
+
+    name: str
+    own: np.ndarray
+    """(n,) int64 its instances"""
+    ray_count: int
+    """of a sample of every pixel, or what the picture lets expect"""
+    place_ws: np.ndarray
+    """(3,) where it is seen"""
+
+
+def near_each_other(candidates: list[Candidate], least_ray_count: float) -> list[list[Candidate]]:
+    """Groups, halved along their longest sides for as long as every half has enough rays."""
+    if len(candidates) < 2:
+        return [candidates]
+    places = np.array([each.place_ws for each in candidates])
+    order = np.argsort(places[:, np.ptp(places, axis=0).argmax()], kind="stable")
+    reached = np.cumsum([candidates[index].ray_count for index in order])
+    cut = int(np.argmin(np.abs(reached[:-1] - reached[-1] / 2))) + 1
+    if min(reached[cut - 1], reached[-1] - reached[cut - 1]) < least_ray_count:
+        return [candidates]
+    halves = ([candidates[index] for index in part] for part in (order[:cut], order[cut:]))
+    return [group for half in halves for group in near_each_other(half, least_ray_count)]
