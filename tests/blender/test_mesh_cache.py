@@ -1,12 +1,14 @@
 """A preview's snapshots: only what has changed is read again, and what they hold is what reading everything gives."""
 
+import contextlib
+
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from vir_addon.blender.extract import snapshot  # noqa: E402  (bpy decides whether this file runs)
-from vir_addon.blender.mesh_cache import MeshCache, OutOfTimeError  # noqa: E402
+from vir_addon.blender.extract import SceneReading, snapshot  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.blender.mesh_cache import MeshCache  # noqa: E402
 from vir_addon.core.scene import SceneSnapshot, has_same_meshes, has_same_picture  # noqa: E402
 
 
@@ -21,10 +23,15 @@ class Watched:
 
     def take(self, budget_s: float = float("inf")) -> SceneSnapshot:
         depsgraph = bpy.context.evaluated_depsgraph_get()
-        self.cache.begin(budget_s)
-        taken = snapshot(depsgraph, cache=self.cache)
-        self.cache.end()
-        return taken
+        reading = SceneReading(cache=self.cache)
+        steps, answer, self.slice_count = reading.steps(depsgraph), None, 1
+        with contextlib.suppress(StopIteration):
+            while True:
+                self.cache.begin(budget_s)
+                host_work = steps.send(answer)
+                self.slice_count += host_work is None
+                answer = host_work() if host_work is not None else None
+        return reading.snapshot
 
 
 @pytest.fixture
@@ -174,15 +181,10 @@ def test_a_material_that_becomes_transparent(watched, garden):
 
 def test_reading_goes_on_where_time_was_over(watched, garden):
     """With no time at all one mesh is read at a time."""
-    attempts = 1
-    while True:
-        try:
-            taken = watched.take(0.0)
-            break
-        except OutOfTimeError:
-            assert watched.cache.read_count == attempts
-            attempts += 1
-    assert attempts == len(taken.meshes) == 5
+    taken = watched.take(0.0)
+    assert watched.slice_count == watched.cache.read_count == len(taken.meshes) == 5
+    watched.take(0.0)
+    assert watched.slice_count == 1
 
 
 def test_undoing_forgets(watched, garden):

@@ -12,7 +12,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from vir_addon.blender.extract import snapshot  # noqa: E402  (bpy decides whether this file runs)
-from vir_addon.blender.mesh_cache import MeshCache  # noqa: E402
+from vir_addon.blender.mesh_cache import MeshCache, changes_only_lights  # noqa: E402
 from vir_addon.blender.preview.viewport import LEVELS, ViewportPreview  # noqa: E402
 from vir_addon.blender.viewport_view import viewport_view  # noqa: E402
 from vir_addon.core.errors import SceneError, UsageError  # noqa: E402
@@ -72,7 +72,7 @@ def preview(device, executor, still_life):
 
     def note(scene, depsgraph):
         made.cache.note_updates(depsgraph)
-        made.note_change()
+        made.note_change(only_lights=changes_only_lights(depsgraph))
 
     bpy.app.handlers.depsgraph_update_post.append(note)
     made.look(view_from())
@@ -167,6 +167,64 @@ def test_what_changes_nothing_starts_nothing(preview):
     preview.look(view_from())
     assert finish(preview) <= 1
     assert preview.render.standing.views_done == 16
+
+
+@pytest.fixture
+def lawn(still_life, add):
+    """400 blades of grass, made by one object."""
+    blade = add.mesh("Blade", [(0, 0, 0), (0.05, 0, 0), (0, 0, 0.3)], [(0, 1, 2)])
+    places = add.mesh("Places", [(0.2 * x - 2, 0.2 * y - 2, 0) for x in range(20) for y in range(20)], [])
+    places.instance_type = "VERTS"
+    blade.parent = places
+    return places
+
+
+def test_a_scene_that_takes_longer_to_walk_than_a_slice(preview, lawn, device):
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    slices = 0
+    while preview.must_read or preview.is_reading:
+        preview.advance(depsgraph, SETTINGS, NO_TIME_S)
+        slices += 1
+    assert slices > 10
+    finish(preview)
+    check(preview, device, view_from())
+
+
+@pytest.mark.parametrize("moved", ["Places", "Key", "Cube"])
+def test_a_change_in_the_middle_of_a_walk(preview, lawn, device, moved):
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    for _ in range(6):
+        preview.advance(depsgraph, SETTINGS, NO_TIME_S)
+    assert preview.is_reading and not preview.is_done
+    bpy.data.objects[moved].location.x += 1.0
+    bpy.context.view_layer.update()
+    assert not preview.is_reading and preview.must_read
+    finish(preview)
+    check(preview, device, view_from())
+
+
+def test_surfaces_are_not_walked_again_for_lights(preview, lawn, device, add):
+    def read() -> tuple:
+        finish(preview)
+        check(preview, device, view_from())
+        return preview._surfaces
+
+    key, fill = bpy.data.objects["Key"], bpy.data.objects["Fill"]
+    before = read()
+    key.location.x, key.data.size = -2.0, 2.0
+    assert read() is before
+    fill.data.energy = 500.0
+    assert read() is before
+    # what hangs on a light moves with it
+    cube = bpy.data.objects["Cube"]
+    cube.parent, cube.matrix_parent_inverse = key, key.matrix_world.inverted()
+    parented = read()
+    assert parented is not before
+    key.location.x = -1.0
+    assert read() is not parented
+    before = read()
+    fill.hide_render = True
+    assert read() is not before
 
 
 def test_another_setting(preview, device):

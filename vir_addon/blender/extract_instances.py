@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import array
 import zlib
+from collections.abc import Hashable
 from dataclasses import dataclass, field, replace
 
 import bpy
@@ -55,7 +56,7 @@ class ObjectTable:
         """view_layer: evaluated. hidden_uids: objects that no renderable collection holds."""
         self.rows: list[ObjectFacts] = []
         self._row_of_address: dict[int, int] = {}
-        self._view_layer = view_layer
+        self.view_layer = view_layer
         self._hidden_uids = hidden_uids
 
     def row(self, evaluated: bpy.types.Object) -> int:
@@ -75,7 +76,7 @@ class ObjectTable:
     def _read(self, evaluated: bpy.types.Object) -> ObjectFacts:
         original = evaluated.original
         library = original.library
-        is_holdout = evaluated.is_holdout or evaluated.holdout_get(view_layer=self._view_layer)
+        is_holdout = evaluated.is_holdout or evaluated.holdout_get(view_layer=self.view_layer)
         return ObjectFacts(
             name=evaluated.name,
             sort_key=f"{evaluated.name}\0{library.filepath if library else ''}",
@@ -85,7 +86,7 @@ class ObjectTable:
             visible_to_glossy=evaluated.visible_glossy,
             reflector_mark=_reflector_mark(original),
             is_holdout=is_holdout,
-            is_indirect_only=not is_holdout and evaluated.indirect_only_get(view_layer=self._view_layer),
+            is_indirect_only=not is_holdout and evaluated.indirect_only_get(view_layer=self.view_layer),
             hide_render=evaluated.hide_render or original.session_uid in self._hidden_uids,
         )
 
@@ -126,6 +127,8 @@ class SurfaceRows:
     is_viewport: bool = False
     """a viewport depsgraph: meshes subdivided on the GPU are complete only through `to_mesh`"""
     cache: MeshCache | None = None
+    cache_keys: set[Hashable] = field(default_factory=set)
+    """of all that was found in the cache or put there"""
     meshes: list[Mesh] = field(default_factory=list)
     left_out: list[LeftOut] = field(default_factory=list)
     _parts_of_object: dict[tuple[int, int], list[_PlacedPart]] = field(default_factory=dict)
@@ -207,6 +210,7 @@ class SurfaceRows:
         if read is None:
             read = self._read(shown, materials, layers, uids)
             self.cache.keep(key, read)
+        self.cache_keys.add(key)
         return read
 
     def _read(

@@ -25,7 +25,7 @@ _SURFACE_TYPES = (bpy.types.Material, bpy.types.World, bpy.types.NodeTree, bpy.t
 
 
 class OutOfTimeError(Exception):
-    """Reading was given up because its time was over; what was read is kept for the next try."""
+    """There is no time left to read a mesh; what was read is kept."""
 
 
 class MaterialReaders(NamedTuple):
@@ -50,13 +50,24 @@ class ReadMesh:
     """session_uid of the originals that it was made from"""
 
 
+def changes_only_lights(depsgraph: bpy.types.Depsgraph) -> bool:
+    """Whether an evaluation has changed nothing else; what hangs on a light is named besides it."""
+    originals = [update.id.original for update in depsgraph.updates]
+    owned = (original for original in originals if not (isinstance(original, bpy.types.NodeTree) and original.is_embedded_data))
+    return bool(originals) and all(
+        isinstance(original, bpy.types.Light)
+        or (isinstance(original, bpy.types.Object) and original.type == "LIGHT" and not original.is_instancer)
+        for original in owned
+    )
+
+
 class MeshCache:
     """Of one view layer's viewport depsgraph. Tell it of every update of that."""
 
     def __init__(self) -> None:
         self._meshes: dict[Hashable, ReadMesh] = {}
-        self._used: set[Hashable] = set()
         self._materials: tuple[Hashable, MaterialReaders] | None = None
+        self._used: set[Hashable] = set()
         self._deadline_s = float("inf")
         self._has_read = False
         self.read_count = 0
@@ -80,30 +91,32 @@ class MeshCache:
         self._meshes, self._materials = {}, None
 
     def begin(self, budget_s: float = float("inf")) -> None:
-        """Before a walk over the depsgraph, which is given up when a mesh that has to be read would begin after the budget; at least one
-        is read."""
-        self._used = set()
+        """Before some steps of a `SceneReading`: how long they may take. At least one mesh is read."""
         self._deadline_s = time.perf_counter() + budget_s
         self._has_read = False
 
-    def end(self) -> None:
-        """After a walk that was not given up: what it did not meet is gone."""
-        self._meshes = {key: read for key, read in self._meshes.items() if key in self._used}
+    @property
+    def is_over(self) -> bool:
+        """The time is."""
+        return time.perf_counter() > self._deadline_s
+
+    def note_used(self, keys: set[Hashable]) -> None:
+        """A walk has met these and no others: what neither this one nor the one before met has gone. Two viewports may take turns."""
+        kept = keys | self._used
+        self._meshes = {key: read for key, read in self._meshes.items() if key in kept}
+        self._used = keys
 
     def find(self, key: Hashable) -> ReadMesh | None:
         """OutOfTimeError if there is nothing and no time to read it."""
         read = self._meshes.get(key)
-        if read is None and self._has_read and time.perf_counter() > self._deadline_s:
+        if read is None and self._has_read and self.is_over:
             raise OutOfTimeError
-        if read is not None:
-            self._used.add(key)
         return read
 
     def keep(self, key: Hashable, read: ReadMesh) -> None:
         self._has_read = True
         self.read_count += 1
         self._meshes[key] = read
-        self._used.add(key)
 
     def material_readers(self, engine: str, override: bpy.types.Material | None) -> MaterialReaders:
         """Those that know what they have read, as long as no material and no image has changed, come or gone."""

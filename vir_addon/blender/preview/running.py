@@ -23,7 +23,7 @@ from ...core.picture import Shown as ShownPasses
 from ...core.settings import Settings
 from .. import devices
 from ..frame_state import is_rendering
-from ..mesh_cache import MeshCache
+from ..mesh_cache import MeshCache, changes_only_lights
 from ..properties import settings_of
 from ..render_depsgraph import is_evaluating
 from ..viewport_view import ViewportView, viewport_view
@@ -65,7 +65,7 @@ class Shown:
 
     @property
     def is_waiting(self) -> bool:
-        return self.preview is not None and self.preview.render.is_waiting
+        return self.preview is not None and self.preview.is_waiting
 
 
 @dataclass
@@ -334,7 +334,7 @@ def _advance(shown: Shown, scene: bpy.types.Scene, view_layer: bpy.types.ViewLay
     depsgraph = view_layer.depsgraph
     if depsgraph is None:
         return False
-    if shown.preview.must_read:
+    if shown.preview.must_read or shown.preview.is_reading:
         # a script may have removed what the graph still shows; what this finds has been noted when it returns
         depsgraph.update()
     shown.is_stuck, shown.stuck_settings = False, settings
@@ -370,15 +370,15 @@ def _note_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
     layer = (scene.session_uid, depsgraph.view_layer.name)
     if layer in _running.caches:
         _running.caches[layer].note_updates(depsgraph)
-    _note_change({layer})
+    _note_change({layer}, only_lights=changes_only_lights(depsgraph))
 
 
-def _note_change(layers: set[LayerKey]) -> None:
+def _note_change(layers: set[LayerKey], *, only_lights: bool = False) -> None:
     changed = [shown for shown in _running.viewports.values() if shown.layer in layers]
     for shown in changed:
         shown.is_stuck, shown.stuck_settings = False, None
         if shown.preview is not None:
-            shown.preview.note_change()
+            shown.preview.note_change(only_lights=only_lights)
     if changed:
         _wake()
 

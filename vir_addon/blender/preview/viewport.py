@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import time
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
+from typing import Any
 
 import bpy
 import numpy as np
@@ -17,12 +18,12 @@ import numpy as np
 from ...core.errors import UsageError
 from ...core.picture import Choice, Picture, Shown
 from ...core.plan import settings_for
-from ...core.progressive import ProgressiveRender
+from ...core.progressive import HOST_WAIT_SHARE, ProgressiveRender
 from ...core.scene import SceneSnapshot, has_same_picture, has_same_surfaces, is_same_light
 from ...core.settings import Effect, Settings
 from ...device.interface import Device
-from ..extract import snapshot
-from ..mesh_cache import MeshCache, OutOfTimeError
+from ..extract import ReadSurfaces, SceneReading
+from ..mesh_cache import MeshCache
 from ..viewport_view import ViewportView
 
 ROOM_SHARE = 0.25
@@ -42,21 +43,63 @@ LEVELS = (Level(1, 8192, 8), Level(2, 1024, 8), Level(2, 512, 4), Level(4, 512, 
 FIRST_LEVEL, FIRST_LEVEL_OF_SOFTWARE = 0, 3
 
 
+class _Reading:
+    """Of the scene, in slices."""
+
+    def __init__(self, scene: SceneReading, depsgraph: bpy.types.Depsgraph) -> None:
+        self.scene = scene
+        self.busy_ms = 0.0
+        self._address = depsgraph.as_pointer()
+        self._steps = scene.steps(depsgraph)
+        self._pending: Future[Any] | None = None
+
+    def is_of(self, depsgraph: bpy.types.Depsgraph) -> bool:
+        return depsgraph.as_pointer() == self._address
+
+    @property
+    def is_waiting(self) -> bool:
+        return self._pending is not None and not self._pending.done()
+
+    def advance(self, executor: Executor, budget_s: float) -> bool:
+        """For about so long; whether the snapshot is there."""
+        start = time.perf_counter()
+        try:
+            while True:
+                answer = None
+                if self._pending is not None:
+                    answer = self._pending.result(timeout=max(HOST_WAIT_SHARE * (budget_s - (time.perf_counter() - start)), 0.0))
+                    self._pending = None
+                host_work = self._steps.send(answer)
+                if host_work is None:
+                    return False
+                self._pending = executor.submit(host_work)
+        except TimeoutError:
+            return False
+        except StopIteration:
+            return True
+        finally:
+            self.busy_ms += (time.perf_counter() - start) * 1e3
+
+
 class ViewportPreview:
     """Tell it where the viewport looks and when the scene has changed; `advance` does the rest."""
 
     def __init__(self, device: Device, executor: Executor, cache: MeshCache) -> None:
         """cache: of the view layer that the viewport shows"""
         self.render = ProgressiveRender(device, executor)
-        self.cache = cache
+        self.cache, self.executor = cache, executor
         self.view: ViewportView | None = None
         self.read_ms = 0.0
-        """that reading the scene took last"""
+        """that reading the scene took last, of the main thread's time"""
         self.level_index = FIRST_LEVEL_OF_SOFTWARE if device.is_software else FIRST_LEVEL
         self._finest_index = 0
         """levels before this one were found too slow"""
         self.must_read = True
         """the scene, when it is next given time"""
+        self._reading: _Reading | None = None
+        """under way"""
+        self._surfaces: ReadSurfaces | None = None
+        """of the last one, as long as at most lights have changed"""
         self._read_view: ViewportView | None = None
         """of the snapshot that is rendered"""
         self._picture_view: ViewportView | None = None
@@ -74,7 +117,18 @@ class ViewportPreview:
 
     @property
     def is_done(self) -> bool:
-        return self.view is None or (not self.must_read and self._read_view is self.view and self.render.is_done)
+        is_read = not self.must_read and self._reading is None and self._read_view is self.view
+        return self.view is None or (is_read and self.render.is_done)
+
+    @property
+    def is_reading(self) -> bool:
+        """The scene, from the very depsgraph that it was handed last."""
+        return self._reading is not None
+
+    @property
+    def is_waiting(self) -> bool:
+        """For what happens in the executor."""
+        return self._reading.is_waiting if self._reading is not None else self.render.is_waiting
 
     @property
     def picture(self) -> Picture | None:
@@ -84,12 +138,16 @@ class ViewportPreview:
     def look(self, view: ViewportView) -> None:
         """From there, in the viewport's own resolution."""
         if self.view is None or not is_same_view(view, self.view):
-            self.must_read |= self.view is None or view.hidden_uids != self.view.hidden_uids
+            if self.view is None or view.hidden_uids != self.view.hidden_uids:
+                self.note_change()
             self.view = view
 
-    def note_change(self) -> None:
-        """Anything in the scene may be different from now on."""
+    def note_change(self, *, only_lights: bool = False) -> None:
+        """Anything in the scene may be different from now on, or only_lights."""
         self.must_read = True
+        self._reading = None
+        if not only_lights:
+            self._surfaces = None
 
     def advance(self, depsgraph: bpy.types.Depsgraph, settings: Settings, budget_s: float) -> bool:
         """Work for about so long; whether there is another picture. Raises VirError, after which nothing is done until something changes.
@@ -102,11 +160,11 @@ class ViewportPreview:
         settings = replace(settings, effects=self._wanted_effects(settings))
         if (settings, budget_s) != (self._wanted, self._budget_s):
             self._wanted, self._budget_s, self._finest_index, self._read_view = settings, budget_s, 0, None
-        if self.must_read or self._read_view is not self.view:
-            try:
-                self._show(depsgraph, self.view, settings, budget_s)
-            except OutOfTimeError:
-                self.must_read = True
+        if self._reading is not None and not self._reading.is_of(depsgraph):
+            self.note_change()
+        if self.must_read or self._reading is not None or self._read_view is not self.view:
+            self._show(depsgraph, self.view, settings, budget_s)
+            if self._reading is not None:
                 return False
         try:
             has_changed = self.render.advance(max(budget_s - (time.perf_counter() - start), 0.0))
@@ -131,18 +189,16 @@ class ViewportPreview:
         scaled = replace(view, width_px=width_px, height_px=height_px)
         before = self.render.snapshot
         reflects = Effect.REFLECTION in settings.effects
-        must_read = self.must_read or before is None or (reflects and before.world is None)
+        has_materials = self._reading.scene.with_materials if self._reading is not None else before is not None and before.world is not None
+        if reflects and not has_materials:
+            self.note_change()
+        must_read = self.must_read or self._reading is not None or before is None
         # whatever happens now does not happen again before something changes
         self.must_read, self._read_view = False, view
-        if must_read:
-            start = time.perf_counter()
-            self.cache.begin(budget_s)
-            taken = snapshot(depsgraph, view=scaled, cache=self.cache, with_materials=reflects)
-            self.cache.end()
-            self.read_ms = (time.perf_counter() - start) * 1e3
-        elif before is not None:
-            camera = scaled.camera(before.world_origin_m)
-            taken = replace(before, camera=camera, width_px=scaled.width_px, height_px=scaled.height_px)
+        taken = self._read(depsgraph, scaled, budget_s, with_materials=reflects) if must_read else before
+        if taken is None:
+            return
+        taken = replace(taken, camera=scaled.camera(taken.world_origin_m), width_px=scaled.width_px, height_px=scaled.height_px)
         wanted = replace(
             settings_for(self.render.device, settings),
             map_resolution_px=min(settings.map_resolution_px, self.level.map_resolution_px),
@@ -151,6 +207,22 @@ class ViewportPreview:
         if before is None or self._has_failed or self.render.settings != wanted or not is_same_scene(taken, before):
             self._has_failed = False
             self.render.show(taken, wanted)
+
+    def _read(self, depsgraph: bpy.types.Depsgraph, view: ViewportView, budget_s: float, *, with_materials: bool) -> SceneSnapshot | None:
+        """Some of the scene; None: there is more."""
+        if self._reading is None:
+            surfaces = self._surfaces if self._surfaces is None or not with_materials or self._surfaces.appearance else None
+            self._reading = _Reading(SceneReading(view=view, with_materials=with_materials, cache=self.cache, surfaces=surfaces), depsgraph)
+        reading = self._reading
+        self.cache.begin(budget_s)
+        try:
+            if not reading.advance(self.executor, budget_s):
+                return None
+        except BaseException:
+            self._reading = None
+            raise
+        self._reading, self._surfaces, self.read_ms = None, reading.scene.surfaces, reading.busy_ms
+        return reading.scene.snapshot
 
     def _choose_level(self, budget_s: float) -> None:
         share = self.render.slowest_step_ms / (budget_s * 1e3)
@@ -173,6 +245,7 @@ class ViewportPreview:
             self.reference, self._reference_of = self.render.copy_picture(), shown
 
     def close(self) -> None:
+        self._reading = self._surfaces = None
         self.compare(False)
         self.render.close()
 
