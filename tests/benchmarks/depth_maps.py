@@ -37,7 +37,7 @@ COLUMNS = (
 
 def variants(view_count: int, resolution_px: int) -> dict[str, Settings]:
     def settings(method: Method, **choices: Any) -> Settings:
-        return Settings(method, view_count=view_count, map_resolution_px=resolution_px, **choices)
+        return Settings(method=method, view_count=view_count, map_resolution_px=resolution_px, **choices)
 
     found = {BASELINE: settings(Method.MVR), "micro": settings(Method.MICRO), "hybrid": settings(Method.HYBRID)}
     found["vir, watertight"] = settings(Method.VIR)

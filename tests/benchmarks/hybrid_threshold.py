@@ -28,7 +28,7 @@ def measure(triangle_count: int, options: Options, device: Device) -> dict[str, 
     maps = LightMaps(snapshot, device)
 
     def variant(method: Method, **choices: int) -> Variant:
-        settings = Settings(method, view_count=view_count, map_resolution_px=resolution_px, **choices)
+        settings = Settings(method=method, view_count=view_count, map_resolution_px=resolution_px, **choices)
         return planned_variant(snapshot, settings, device)
 
     points = prepared_count(maps.time(variant(Method.IVIR)).counts)
