@@ -33,6 +33,7 @@ void main() {
     if (place >= triangle_capacity) {
         return;
     }
+    imageAtomicAdd(block_counts, linear_texel(block_of(corners[0].xyz)), 1u);
     for (int i = 0; i < 3; i++) {
         imageStore(kept_triangles, linear_texel(3 * place + i), corners[i]);
     }

@@ -18,6 +18,15 @@ vec2 place_corner(int k, vec3 corner, out float linear) {
 #endif
 }
 
+#ifdef BLOCK_TEXELS
+// Of the batch's first map, where a triangle's first corner is; beyond the map's edges the nearest.
+int block_of(vec3 corner) {
+    float linear;
+    ivec2 block = ivec2(clamp(place_corner(0, corner, linear), vec2(0.0), vec2(map_size - 1))) / BLOCK_TEXELS;
+    return block.y * ((map_size.x + BLOCK_TEXELS - 1) / BLOCK_TEXELS) + block.x;
+}
+#endif
+
 float depth_of(float linear) {
 #ifdef ORTHOGRAPHIC
     return linear;

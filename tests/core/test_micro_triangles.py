@@ -22,6 +22,7 @@ from tests.scenes import (
     sun_light,
 )
 from vir_addon.core.passes.shadow_maps import DepthMaps
+from vir_addon.core.passes.small_triangles import BLOCK_TEXELS
 from vir_addon.core.settings import Method
 from vir_addon.device.interface import EMPTY_DEPTH_BITS
 
@@ -140,3 +141,27 @@ def test_hidden_triangles_are_left_out(device):
     _, counts = maps_of_all_faces(scene, device, range(0, 8), method=Method.MICRO)
     assert counts["small_triangle_count"] > 0.95 * len(open_sphere.triangles)
     assert 0.3 < counts["kept_small_triangle_count"] / counts["small_triangle_count"] < 0.7
+
+
+def test_what_is_kept_lies_in_the_order_of_its_places(device):
+    """Nothing lost, nothing twice, and the blocks of texels one after the other."""
+    scene, selected = made("sphere"), range(0, 8)
+    lists = {}
+    for cull_hidden in (False, True):
+        with prepared_renderer(
+            scene, device, method=Method.MICRO, map_resolution_px=MAP_PX, view_count=64, cull_hidden=cull_hidden
+        ) as renderer:
+            ((fitted, _, method),) = renderer.works[0].faces
+            maps = DepthMaps(device, fitted.views.map_width_px, fitted.views.map_height_px, len(selected))
+            method.fill(maps, selected)
+            count = method.kept_count if cull_hidden else method.small_count
+            lists[cull_hidden] = device.run(device.read, method.triangles.texture).reshape(-1, 4)[: 3 * count].reshape(count, 3, 4)
+            table, scale = method.views_table(selected), 1 / np.array(fitted.views.texel_tangent)
+            device.run(maps.release)
+    gathered, kept = ({triangle.tobytes() for triangle in triangles} for triangles in lists.values())
+    assert len(kept) == len(lists[True]) > 0.9 * len(gathered) and kept <= gathered
+    corner = lists[True][:, 0].astype(np.float64)
+    places = corner[:, :2] - table[0, :2] * scale * corner[:, 2:3] - table[1, :2]
+    block = np.clip(places, 0, MAP_PX - 1) // BLOCK_TEXELS @ [1, -(-MAP_PX // BLOCK_TEXELS)]
+    # a corner on the border of two blocks may be rounded into either
+    assert len(np.unique(block)) > 100 and (np.diff(block) < 0).mean() < 1e-3

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from ...device.interface import TextureFormat
+from ...device.interface import LINEAR_TEXTURE_WIDTH, Texture, TextureFormat, split_integers
 from ...device.owned import Owned
 from ..passes.shadow_maps import DepthMaps
-from ..passes.small_triangles import GATHER_TRIANGLES, KEEP_SEEN_TRIANGLES, RASTERIZE_SMALL_TRIANGLES
+from ..passes.small_triangles import BLOCK_TEXELS, GATHER_TRIANGLES, KEEP_SEEN_TRIANGLES, ORDER_TRIANGLES, RASTERIZE_SMALL_TRIANGLES
 from .base import FaceJob, ReplayMethod
 from .large_triangles import BYTES_PER_TRIANGLE, TEXELS_PER_TRIANGLE, LargeTriangles
 from .linear_store import LinearStore
@@ -157,11 +157,16 @@ class MicroTriangleRasterization(ReplayMethod):
             yield portion
 
     def _cull_hidden(self, maps: DepthMaps, batch: dict[str, Any]) -> None:
-        """Put what the batch's views are near to seeing of all portions into one list, if that has room for it."""
+        """Put what the batch's views are near to seeing of all portions into one list, if that has room for it, in the order of its
+        places in the maps."""
         self._has_searched_hidden = True
         capacity = min(self.small_count, self.capacity_limit)
         with Owned() as temporary:
             kept = temporary.own(LinearStore(self.device, TEXELS_PER_TRIANGLE * capacity))
+            blocks = -(-self.fitted.views.map_width_px // BLOCK_TEXELS) * -(-self.fitted.views.map_height_px // BLOCK_TEXELS)
+            rows = -(-blocks // LINEAR_TEXTURE_WIDTH)
+            block_counts = temporary.own(self.device.create_texture(LINEAR_TEXTURE_WIDTH, rows, TextureFormat.R32UI))
+            self.device.fill(block_counts, 0)
             kept_count = 0
             for portion in self._gathered_portions():
                 self.device.fill(self.counters, kept_count)
@@ -170,6 +175,7 @@ class MicroTriangleRasterization(ReplayMethod):
                     gathered_triangles=self.triangles.texture,
                     kept_triangles=kept.texture,
                     depth_maps=maps.texture,
+                    block_counts=block_counts,
                     counters=self.counters,
                     triangle_count=portion.small_count,
                     triangle_capacity=capacity,
@@ -179,12 +185,31 @@ class MicroTriangleRasterization(ReplayMethod):
             if kept_count > capacity:
                 return
             self.triangles.replace_by(kept)
-        if not self.shared.is_alone(self):
-            # other faces may need the memory of what is no longer in it
-            self.triangles.replace_by(self.triangles.copied(0, max(TEXELS_PER_TRIANGLE * kept_count, 1)))
+            self._order(kept_count, block_counts, batch)
         self._gathered = _Portion(0, self.work.group_count, kept_count)
         self._portions = [self._gathered]
         self.kept_count = kept_count
+
+    def _order(self, count: int, block_counts: Texture, batch: dict[str, Any]) -> None:
+        """The list in an order in which neighbours in the maps follow each other, and no longer than it is."""
+        counts = self.device.read(block_counts).ravel().astype(np.int64)
+        self.device.fill(block_counts, 0)
+        with Owned() as temporary:
+            starts = np.zeros((len(counts), 4), np.float32)
+            starts[:, :2] = split_integers(np.cumsum(counts) - counts)
+            block_starts = temporary.own(self.device.upload_array(starts))
+            ordered = temporary.own(LinearStore(self.device, max(TEXELS_PER_TRIANGLE * count, 1)))
+            self.device.compute_kernel(ORDER_TRIANGLES, *self.flags).dispatch_linear(
+                count,
+                gathered_triangles=self.triangles.texture,
+                ordered_triangles=ordered.texture,
+                block_starts=block_starts,
+                block_counts=block_counts,
+                triangle_count=count,
+                views=batch["views"],
+                face=batch["face"],
+            )
+            self.triangles.replace_by(ordered)
 
     def counts(self) -> dict[str, int]:
         return {

@@ -91,10 +91,6 @@ class SharedByFaces:
         while len(self._keepers) > 1 and sum(each.held_bytes for each in self._keepers) > self.budget_bytes:
             self._keepers.pop(-2).drop()
 
-    def is_alone(self, keeper: ReplayKeeper) -> bool:
-        """Whether no other face holds anything."""
-        return self._keepers == [keeper]
-
     def forget(self, keeper: ReplayKeeper) -> None:
         if keeper in self._keepers:
             self._keepers.remove(keeper)
