@@ -80,6 +80,44 @@ def test_an_animation_has_each_frames_passes(animated, tmp_path):
     assert np.abs(frames[0] - frames[2]).max() > 0.5
 
 
+def test_markers_that_change_the_camera(animated, tmp_path):
+    """In the middle of an animation, and of a single render; the panel's button follows them too."""
+    compose(animated)
+    other = bpy.data.objects.new("Other", animated.camera.data)
+    other.location, other.rotation_euler = (4.0, -7.0, 5.0), (1.0, 0.0, 0.5)
+    animated.collection.objects.link(other)
+    for frame, camera in ((1, animated.camera), (2, other), (3, bpy.data.objects["Camera"])):
+        marker = animated.timeline_markers.new(camera.name, frame=frame)
+        marker.camera = camera
+    animated.vir.use_on_render = True
+    bpy.ops.render.render(animation=True)
+    frames = [rendered(tmp_path, frame) for frame in (1, 2, 3)]
+    animated.vir.use_on_render = False
+    for frame, pixels in enumerate(frames, 1):
+        np.testing.assert_array_equal(pixels, by_button(animated, frame))
+    # with one camera for all, the second would be another picture
+    animated.timeline_markers.clear()
+    animated.frame_set(2)
+    animated.camera = bpy.data.objects["Camera"]
+    assert np.abs(by_button(animated, 2) - frames[1]).max() > 0.5
+
+
+def test_every_scene_has_its_own(animated, tmp_path):
+    """Two scenes share objects; each frame's passes go into images of the scene that is rendered, with its own settings."""
+    other = animated.copy()
+    other.name = "Other"
+    other.vir.use_on_render, other.vir.view_count = True, 12
+    other.render.filepath = str(tmp_path / "other_")
+    before = by_button(animated, 1)
+    bpy.ops.render.render(scene="Other")
+    assert PASS in scene_images("Other") and scene_images("Other")[PASS] != scene_images(animated.name)[PASS]
+    (made,) = frame_state.state_of(other).statistics[other.view_layers[0].name].passes
+    assert made.view_count == 12
+    pixels = np.empty(WIDTH * HEIGHT * 4, np.float32)
+    scene_images(animated.name)[PASS].pixels.foreach_get(pixels)
+    np.testing.assert_array_equal(pixels.reshape(HEIGHT, WIDTH, 4)[..., 0], before)
+
+
 def test_animated_settings_are_those_of_the_frame(animated):
     animated.vir.use_on_render = True
     animated.vir.keyframe_insert("view_count", frame=1)
