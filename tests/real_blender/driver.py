@@ -131,20 +131,32 @@ def show_panel() -> Steps:
     yield 0.7
 
 
-def find_button(command: str, region: Any, near: tuple[int, int] | None) -> Iterator[float]:
-    """Returns (x, y) of the button that runs the command: Blender tells what is under the mouse, swept down in steps below a row."""
+def command_under_mouse(region: Any) -> str:
+    """What the button there runs; empty: none."""
     window_manager = bpy.context.window_manager
+    window_manager.clipboard = ""
+    with bpy.context.temp_override(window=window_manager.windows[0], area=sidebar()["area"], region=region):
+        if bpy.ops.ui.copy_python_command_button.poll():
+            bpy.ops.ui.copy_python_command_button()
+    return window_manager.clipboard
+
+
+def find_button(command: str, region: Any, near: tuple[int, int] | None) -> Iterator[float]:
+    """Returns (x, y) of the button that runs the command: Blender tells what is under the mouse, swept down in steps below a row.
+
+    A busy Blender is late to notice that the mouse has moved, so what it tells is asked again after a while.
+    """
     top, bottom = (region.y + region.height - 10, region.y + 4) if near is None else (near[1] + 30, near[1] - 40)
+    yield from move(region.x - 200, region.y + region.height // 2)
+    yield from wait_until(lambda: command not in command_under_mouse(region), "the mouse leaves the button", 20)
     for share in (0.3, 0.85):
         for y in range(top, bottom, -7):
             x = region.x + int(region.width * share)
             yield from move(x, y)
-            window_manager.clipboard = ""
-            with bpy.context.temp_override(window=window_manager.windows[0], area=sidebar()["area"], region=region):
-                if bpy.ops.ui.copy_python_command_button.poll():
-                    bpy.ops.ui.copy_python_command_button()
-            if command in window_manager.clipboard:
-                return x, y
+            if command in command_under_mouse(region):
+                yield 0.4
+                if command in command_under_mouse(region):
+                    return x, y
     raise AssertionError(f"no button for {command}")
 
 
