@@ -2,6 +2,30 @@
 #include "lib/scene_data.glsl"
 #include "lib/reflection_map.glsl"
 
+#ifdef OF_CLOUD
+const uint NOT_COVERED = 0xffffffffu;
+
+// What a texel shows: what the rasterizer drew, or what was splatted before it.
+uvec2 nearer(ReflectionMap map, int face, ivec2 cell, ivec2 at, uvec2 drawn) {
+    ivec2 address = linear_texel(first_texel + at.y * map.size.x + at.x);
+    uint number = texelFetch(nearest_numbers, address, 0).x;
+    if (number == NOT_COVERED) {
+        return drawn;
+    }
+    vec4 work = texelFetch(work_table, linear_texel(int(number / uint(WORK_GROUP_SIZE))), 0);
+    uvec2 splatted = uvec2(uint(work.x) + 1u, uint(work.y) + number % uint(WORK_GROUP_SIZE));
+    if (drawn.x == 0u) {
+        return splatted;
+    }
+    InstanceData instance = load_instance(int(drawn.x) - 1);
+    TriangleData triangle = load_triangle(instance, int(drawn.y));
+    vec3 normal = in_face(face, map_direction(map, scaled_geometric_normal(instance, triangle)));
+    vec3 corner = in_face(face, map_direction(map, triangle.position_ws[0] - map.center_ws));
+    float depth = dot(normal, corner) / dot(normal, vec3(map.corner + (vec2(cell) + 0.5) * map.texel, 1.0));
+    return depth < uintBitsToFloat(texelFetch(nearest_depths, address, 0).x) ? drawn : splatted;
+}
+#endif
+
 const float RANGE_ROUNDING = 4.0e-6;  // of a depth: planes are computed from corners in world space
 
 void main() {
@@ -13,7 +37,11 @@ void main() {
     int row = at.y / map.size.y;
     int face = map.is_cube ? row : 4;
     ivec2 cell = ivec2(at.x, at.y - row * map.size.y);
+#ifdef OF_CLOUD
+    uvec2 seen = nearer(map, face, cell, at, is_drawn != 0 ? texelFetch(visibility, at, 0).xy : uvec2(0u));
+#else
     uvec2 seen = texelFetch(visibility, at, 0).xy;
+#endif
     ivec2 address = linear_texel(map_index(map, 0, face, cell));
     if (seen.x == 0u) {
         imageStore(map_texels, address, vec4(NOTHING_NEARER, -1.0, -1.0, -1.0));

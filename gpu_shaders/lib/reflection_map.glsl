@@ -5,6 +5,7 @@
 // the range of all texels below.
 #include "lib/linear_texel.glsl"
 #include "lib/integer_halves.glsl"
+#include "lib/map_faces.glsl"
 
 struct ReflectionMap {
     vec3 center_ws;
@@ -44,20 +45,9 @@ vec3 map_direction(ReflectionMap map, vec3 d_ws) {
     return vec3(dot(map.axis_x, d_ws), dot(map.axis_y, d_ws), dot(map.axis_z, d_ws));
 }
 
-// Faces 0 and 1 look along the first axis, forwards and backwards, and so on; a single view is the face 4.
+// A single view is the face 4.
 int face_of(ReflectionMap map, vec3 p) {
-    vec3 size = abs(p);
-    if (!map.is_cube || size.z >= max(size.x, size.y)) {
-        return map.is_cube && p.z < 0.0 ? 5 : 4;
-    }
-    return size.x >= size.y ? (p.x > 0.0 ? 0 : 1) : (p.y > 0.0 ? 2 : 3);
-}
-
-// In the face: to the right, up, and depth. p: along the map's axes, from its centre
-vec3 in_face(int face, vec3 p) {
-    float side = (face & 1) == 0 ? 1.0 : -1.0;
-    int axis = face >> 1;
-    return axis == 0 ? vec3(p.y, p.z, side * p.x) : axis == 1 ? vec3(p.z, p.x, side * p.y) : vec3(p.x, p.y, side * p.z);
+    return map.is_cube ? face_of_direction(p) : 4;
 }
 
 int face_count(ReflectionMap map) {

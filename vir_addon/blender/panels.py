@@ -168,6 +168,9 @@ class _Reflectors:
             _draw_text(layout, context, "Nothing reflects" if state.plans else "Not planned yet", "NONE")
         layout.use_property_split, layout.use_property_decorate = True, False
         layout.prop(scene.vir, "bounces")
+        layout.prop(scene.vir, "reflection_method")
+        if scene.vir.reflection_method in ("AUTO", "EPR"):
+            layout.prop(scene.vir, "points_per_eye_pixel")
         layout.prop(scene.vir, "reflection_look_up")
         layout.prop(scene.vir, "reflection_map_mib")
 

@@ -14,7 +14,18 @@ from typing import Any
 import bpy
 
 from ..core.quality import map_resolution_of_views, quality_of_views, views_of_quality
-from ..core.settings import MAX_BOUNCES, MAX_TAPS, Effect, Method, PointGeneration, PointStorage, ReflectionLookUp, Resolve, Settings
+from ..core.settings import (
+    MAX_BOUNCES,
+    MAX_TAPS,
+    Effect,
+    Method,
+    PointGeneration,
+    PointStorage,
+    ReflectionLookUp,
+    ReflectionMethod,
+    Resolve,
+    Settings,
+)
 
 VERSION = 1
 """of the groups; raised together with a new entry in MIGRATIONS"""
@@ -50,6 +61,12 @@ _RESOLVES = (
     (Resolve.AUTO, "Automatic", "Full on a GPU, adaptive on a software rasterizer: whichever is faster", 2),
     (Resolve.ADAPTIVE, "Adaptive", "Parts of the picture that are wholly lit or dark are only probed. Error below 0.002", 0),
     (Resolve.FULL, "Full", "Every pixel is looked up in every view", 1),
+)
+_REFLECTION_METHODS = (
+    (ReflectionMethod.AUTO, "Automatic", "Whichever is quicker in the scene", 0),
+    (ReflectionMethod.MVR, "Multiview (mvr)", "The rasterizer draws the scene for every face of every reflector's cube", 1),
+    (ReflectionMethod.IVIR, "Points (ivir)", "One cloud of points for all cubes, as dense as the nearest of them needs", 2),
+    (ReflectionMethod.EPR, "Eye-based Points (epr)", "One cloud of splats for all cubes, no denser than the picture shows", 3),
 )
 _LOOK_UPS = (
     (ReflectionLookUp.MARCH, "March", "Rays are followed through the depths of a reflector's map: things are where they belong", 0),
@@ -245,6 +262,19 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
         min=0,
         max=MAX_BOUNCES,
     )
+    reflection_method: bpy.props.EnumProperty(
+        name="Cubes",
+        description="How cubes of what reflectors show are made",
+        items=_items(_REFLECTION_METHODS),
+        default=_DEFAULTS.reflection_method.value.upper(),
+    )
+    points_per_eye_pixel: bpy.props.FloatProperty(
+        name="Points per Pixel",
+        description="Of eye-based points: fewer of them are larger splats",
+        default=_DEFAULTS.points_per_eye_pixel,
+        min=0.01,
+        max=4.0,
+    )
     reflection_look_up: bpy.props.EnumProperty(
         name="Look-up",
         description="How reflectors' maps are looked up",
@@ -424,6 +454,8 @@ def settings_of(scene: bpy.types.Scene) -> Settings:
         filter_sample_count=group.filter_sample_count,
         replay_buffer_mib=group.replay_buffer_mib,
         bounces=group.bounces or None,
+        reflection_method=ReflectionMethod(group.reflection_method.lower()),
+        points_per_eye_pixel=group.points_per_eye_pixel,
         reflection_look_up=ReflectionLookUp(group.reflection_look_up.lower()),
         reflection_map_mib=group.reflection_map_mib,
     )

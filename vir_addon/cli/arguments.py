@@ -10,7 +10,7 @@ from typing import Any
 
 from .. import __version__
 from ..core.errors import UsageError
-from ..core.settings import Effect, Method, PointGeneration, PointStorage, ReflectionLookUp, Resolve, Settings
+from ..core.settings import Effect, Method, PointGeneration, PointStorage, ReflectionLookUp, ReflectionMethod, Resolve, Settings
 
 EXIT_STATUS_TEXT = "exit status: 0 done, 2 wrong usage, 3 the scene cannot be rendered, 4 no usable device, 130 stopped with Ctrl-C"
 
@@ -187,6 +187,13 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"rays of every pixel that shows a reflector; default {defaults.reflection_sample_count}",
     )
     parser.add_argument(
+        "--reflection-method",
+        type=partial(_parse_choice, ReflectionMethod),
+        default=defaults.reflection_method,
+        metavar="|".join(method.value for method in ReflectionMethod),
+        help="how reflectors' cubes are made: one by one by the rasterizer (mvr), or all from one cloud (ivir, epr); default: the quicker",
+    )
+    parser.add_argument(
         "--reflection-look-up",
         type=partial(_parse_choice, ReflectionLookUp),
         default=defaults.reflection_look_up,
@@ -214,6 +221,7 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         effects=arguments.effects,
         bounces=arguments.bounces,
         reflection_sample_count=arguments.reflection_samples,
+        reflection_method=arguments.reflection_method,
         reflection_look_up=arguments.reflection_look_up,
         method=method,
         points=arguments.points,

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from ..core.files import whole_file
-from ..core.pass_set import STAGES, PassSet, PassStatistics, SetStatistics
+from ..core.pass_set import STAGES, PassSet, PassStatistics, ReflectionStatistics, SetStatistics
 from ..core.plan import RenderPlan
 from ..core.scene import SceneSnapshot
 
@@ -91,7 +91,8 @@ def print_statistics(console: Console, statistics: SetStatistics) -> None:
     if statistics.reflections is not None:
         found = statistics.reflections
         console.print(
-            f"reflections: {found.map_count} maps of {found.map_texel_count:,} texels in all; of {found.ray_count:,} rays "
+            f"reflections: {found.map_count} maps of {found.map_texel_count:,} texels in all{_splatted(found)}; "
+            f"of {found.ray_count:,} rays "
             f"{found.found_share:.1%} met a surface, {found.by_direction_share:.1%} one hidden from their map, "
             f"{found.left_share:.1%} none; error {error_text(found.error_estimate)}",
             highlight=False,
@@ -102,6 +103,13 @@ def print_statistics(console: Console, statistics: SetStatistics) -> None:
     totals = total_stage_ms(statistics)
     console.print(", ".join(f"{stage} {milliseconds(totals[stage])}" for stage in STAGES if stage in totals), highlight=False)
     print_notes(console, statistics.notes, statistics.left_out)
+
+
+def _splatted(found: ReflectionStatistics) -> str:
+    if not found.splatted_map_count:
+        return ""
+    counts = {"triangles": found.cloud_triangle_count, "points": found.point_count}
+    return f", {found.splatted_map_count} of them from " + " and ".join(f"{count:,} {name}" for name, count in counts.items() if count)
 
 
 def _prepared(made: PassStatistics) -> str:

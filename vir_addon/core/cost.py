@@ -7,14 +7,19 @@ asked for is dear, so `auto` does not choose there what it would on a software r
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .bounds import SceneBounds
-from .reflectors import PlannedReflections
+from .passes.reflection_maps import ReflectionMap
 from .scene import Light, LightShape, SceneSnapshot
-from .settings import Hardware, Method, PointStorage, Settings
+from .settings import Hardware, Method, PointStorage, ReflectionMethod, Settings
+
+if TYPE_CHECKING:
+    from .reflectors import PlannedReflections
 
 POINT_BYTES = 16
 MICRO_BYTES_PER_TRIANGLE = 48
@@ -24,6 +29,10 @@ MAP_NS_PER_TEXEL = 60.0
 LOOK_UPS_PER_RAY = 700.0
 """A reflected ray, and the one that the world lights its hit along, took about ten microseconds on a software rasterizer."""
 """of a software rasterizer; on a GPU neither was measured yet"""
+FACES_OF_INSTANCE = 2
+"""of a cube, that an instance is drawn for; others do not see it"""
+IVIR_SHARE = 1.3
+"""time of ivir's cloud for that of epr's"""
 MAX_LAYERS = 16
 """surfaces one behind the other that large triangles are taken to fill the maps with"""
 POINTS_PER_TEXEL = 2.0
@@ -63,6 +72,12 @@ class Rates:
     filter_tap: float
     """of pcss, in which most find nothing"""
     eye_pixel: float
+    collect_triangle: float
+    """reflectors' walk over all triangles for one cloud"""
+    splat_triangle: float
+    """of those, a cube, culled ones and both rounds included"""
+    splat_texel: float
+    """of cubes, what is large and hidden included"""
 
 
 RATES = {
@@ -83,6 +98,9 @@ RATES = {
         look_up=14.0,
         filter_tap=5.0,
         eye_pixel=60.0,
+        collect_triangle=250.0,
+        splat_triangle=25.0,
+        splat_texel=60.0,
     ),
     # points replayed: 0.04 where they spread evenly, several times that where many fall into a texel
     Hardware.GPU: Rates(
@@ -100,6 +118,10 @@ RATES = {
         look_up=0.7,
         filter_tap=0.2,
         eye_pixel=1.7,
+        # not measured on one: as micro's
+        collect_triangle=1.8,
+        splat_triangle=0.2,
+        splat_texel=0.2,
     ),
 }
 
@@ -112,11 +134,28 @@ def eye_ms(snapshot: SceneSnapshot, settings: Settings, eye_sample_count: int) -
 
 def reflections_ms(snapshot: SceneSnapshot, settings: Settings, planned: PlannedReflections, round_count: int) -> float:
     """Maps of all reflectors, and rays of all rounds; not the light on what they meet, which is the lights'."""
-    faces = sum(each.face_count for each in planned.maps)
     texels = sum(each.texel_count for each in planned.maps)
     rays = round_count * planned.bounces * sum(math.prod(reflector.covered_px) for reflector in planned.reflectors)
-    triangles_ns = faces * snapshot.instanced_triangle_count * RATES[settings.hardware].raster_triangle
-    return (triangles_ns + texels * MAP_NS_PER_TEXEL + rays * LOOK_UPS_PER_RAY * RATES[settings.hardware].look_up) * 1e-6
+    maps_ms = sum(
+        cubes_ms(snapshot, settings, [each for each in planned.maps if each.method is method], method)
+        for method in ReflectionMethod
+        if method is not ReflectionMethod.AUTO
+    )
+    return maps_ms + (texels * MAP_NS_PER_TEXEL + rays * LOOK_UPS_PER_RAY * RATES[settings.hardware].look_up) * 1e-6
+
+
+def cubes_ms(snapshot: SceneSnapshot, settings: Settings, maps: Sequence[ReflectionMap], method: ReflectionMethod) -> float:
+    """Finding what maps of reflectors show with a method, never AUTO; not what is made of it, which takes the same for all."""
+    rates = RATES[settings.hardware]
+    triangles = snapshot.instanced_triangle_count
+    texels = sum(each.face_count * each.width_px * each.height_px for each in maps)
+    if method is ReflectionMethod.MVR:
+        faces = sum(min(each.face_count, FACES_OF_INSTANCE) for each in maps)
+        draws = sum(each.face_count for each in maps) * (1 + NEW_DRAW_SHARE * len(snapshot.instances))
+        return (faces * triangles * rates.raster_triangle + draws * rates.raster_draw + texels * rates.raster_texel) * 1e-6
+    share = IVIR_SHARE if method is ReflectionMethod.IVIR else 1.0
+    splats = len(maps) * triangles * rates.splat_triangle
+    return (bool(maps) * share * (triangles * rates.collect_triangle + splats) + texels * rates.splat_texel) * 1e-6
 
 
 def resolve_ms(snapshot: SceneSnapshot, settings: Settings, view_count: int) -> float:

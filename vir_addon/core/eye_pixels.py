@@ -33,6 +33,17 @@ class EyePixels:
         return rows
 
 
+def nearest_pixel_m(pixels: EyePixels, corners_ws: np.ndarray, center_ws: np.ndarray) -> float:
+    """Of the eye's pixels by way of a reflector with these corners, (n, 3): `angle_rad` times the distance from a place within it, (3,),
+    has to be added for what is beyond. A bounding sphere stands for the reflector (Gavane & Watson 2022 b, section 4.1.1); where all of
+    its size comes off, the width may be negative."""
+    middle = (corners_ws.min(axis=0) + corners_ws.max(axis=0)) / 2
+    radius_m = float(np.linalg.norm(corners_ws - middle, axis=1).max())
+    from_eye_m = max(float(np.linalg.norm(middle - pixels.eye_ws)) - radius_m, 0.0)
+    reach_m = radius_m + float(np.linalg.norm(center_ws - middle))
+    return pixels.angle_rad * (from_eye_m - reach_m) + pixels.width_m
+
+
 def eye_pixels(snapshot: SceneSnapshot) -> EyePixels:
     camera = snapshot.camera
     left, right, bottom, top = camera.window

@@ -127,6 +127,12 @@ class ReflectionStatistics:
     map_count: int = 0
     map_texel_count: int = 0
     """of all levels"""
+    splatted_map_count: int = 0
+    """of these, those splatted from the cloud that all share, not drawn one by one"""
+    cloud_triangle_count: int = 0
+    """triangles in the cloud; others were far smaller than a sample"""
+    point_count: int = 0
+    """points in it, of ivir"""
     reflectors: list[str] = field(default_factory=list)
     """one sentence each: name, how it is drawn and why, or why not"""
     ray_count: int = 0

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..device.interface import ComputeKernel, Device, Texture, TextureFormat
 from ..device.owned import Owned
+from .eye_pixels import nearest_pixel_m
 from .material_program import LUMINANCE, typical_value
+from .methods.reflected_points import Cube, ReflectedPoints
 from .pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, ReflectionStatistics
 from .passes.eye import EyePass, GBuffer
 from .passes.reflection_maps import ReflectionMaps
@@ -37,7 +39,7 @@ from .plan import RenderPlan
 from .reflectors import PlannedReflections, with_met
 from .sampling import shuffled_unit_square_points, stable_seed
 from .seen_places import SeenPlaces
-from .settings import ReflectionLookUp
+from .settings import ReflectionLookUp, ReflectionMethod
 from .steps import Steps
 from .stopwatch import Stopwatch
 
@@ -99,12 +101,34 @@ class ReflectionWork:
         self._lit_tiles: dict[int, Tiles] = {}
 
     def drawing_maps(self, stopwatch: Stopwatch) -> Steps:
-        with contextlib.closing(self.maps.drawing()) as faces:
+        with contextlib.closing(self._drawing()) as steps:
             is_drawing = True
             while is_drawing:
                 with stopwatch.stage("reflection maps"):
-                    is_drawing = next(faces, True) is None
+                    is_drawing = next(steps, True) is None
                 yield None
+
+    def _drawing(self) -> Generator[None, None, None]:
+        """Maps that have not been drawn; those that are splatted share a cloud."""
+        yield from self.maps.drawing()
+        for method, cubes in self._splatted_cubes().items():
+            cloud = ReflectedPoints(self.maps, cubes, self.plan.bounds, self.plan.settings, method)
+            yield from cloud.drawing()
+            self.statistics.cloud_triangle_count += cloud.triangle_count
+            self.statistics.point_count += cloud.point_count
+        self.maps.end_drawing()
+
+    def _splatted_cubes(self) -> dict[ReflectionMethod, list[Cube]]:
+        """Method -> its cubes"""
+        numbers = {id(each): number for number, each in self.maps.pending.items() if each.method is not ReflectionMethod.MVR}
+        found: dict[ReflectionMethod, list[Cube]] = {}
+        for reflector in self.planned.reflectors:
+            corners_ws = self.plan.bounds.corners_ws[reflector.instances].reshape(-1, 3)
+            for drawn in reflector.maps:
+                if id(drawn) in numbers:
+                    eye_pixel_m = nearest_pixel_m(self.scene_data.eye_pixels, corners_ws, drawn.center_ws)
+                    found.setdefault(drawn.method, []).append(Cube(numbers[id(drawn)], drawn, eye_pixel_m))
+        return found
 
     def _use(self, planned: PlannedReflections, drawn_before: ReflectionMaps | None = None) -> None:
         """drawn_before: the first of the maps"""
@@ -116,6 +140,7 @@ class ReflectionWork:
         self.planned, self.maps, self.instance_maps = planned, maps, instance_maps
         self.statistics.map_count = len(planned.maps)
         self.statistics.map_texel_count = sum(each.texel_count for each in planned.maps)
+        self.statistics.splatted_map_count = sum(each.method is not ReflectionMethod.MVR for each in planned.maps)
         self.statistics.reflectors = [f"{each.name}: {' '.join(filter(None, [each.method_text, each.reason]))}" for each in planned.lines]
 
     def _forget_maps(self) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .bounds import SceneBounds
+from .map_methods import with_methods
 from .material import Material
 from .material_program import typical_value
 from .passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX, ReflectionMap
@@ -137,7 +138,7 @@ def choose_reflectors(
         lambda each: _plan_reflector(snapshot, bounds, each, bounces, is_measured=seen is not None),
         lambda group: _plan_group(snapshot, bounds, group, is_measured=seen is not None),
     )
-    lines += _within_memory(found, settings.reflection_map_mib)
+    lines += with_methods(_within_memory(found, settings.reflection_map_mib), snapshot, settings)
     lines += [Reflector(each.name, each.own, runs=False, reason=TOO_SMALL_REASON) for each in left_out]
     for name, own, is_hidden in others:
         where = "hidden behind others" if is_hidden else "not in the picture"
@@ -188,7 +189,7 @@ def with_met(
     if not found:
         return planned
     used_mib = sum(each.texel_count for each in planned.maps) * BYTES_PER_TEXEL / (1 << 20)
-    found = _within_memory(found, settings.reflection_map_mib - used_mib)
+    found = with_methods(_within_memory(found, settings.reflection_map_mib - used_mib), snapshot, settings)
     has_map = np.concatenate([each.instances for each in found])
     kept = tuple(each for each in planned.reflectors if each.maps or not np.isin(each.instances, has_map).any())
     return replace(planned, reflectors=(*kept, *found), maps=(*planned.maps, *(drawn for each in found for drawn in each.maps)))

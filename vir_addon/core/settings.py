@@ -66,6 +66,15 @@ class ReflectionLookUp(enum.Enum):
     """Maps are looked up as if all were infinitely far away, as published."""
 
 
+class ReflectionMethod(enum.Enum):
+    """How reflectors' cubes are made."""
+
+    AUTO = "auto"
+    MVR = "mvr"
+    IVIR = "ivir"
+    EPR = "epr"
+
+
 class PointStorage(enum.Enum):
     BUFFERED = "buffered"
     BUFFERLESS = "bufferless"
@@ -137,9 +146,12 @@ class Settings:
     or made again when its turn comes"""
     bounces: int | None = None
     """how often light is followed from reflector to reflector; None: as often as the scene calls for, at most twice"""
+    reflection_method: ReflectionMethod = ReflectionMethod.AUTO
     reflection_look_up: ReflectionLookUp = ReflectionLookUp.MARCH
     reflection_sample_count: int = 32
     """rays of every pixel that shows a reflector, each at another place in the pixel and, on rough surfaces, in another direction"""
+    points_per_eye_pixel: float = 0.5
+    """rho_scale of epr's cubes, for which the paper found a half best: fewer samples are larger splats"""
     reflection_map_mib: int = 256
     """memory for the maps of all reflectors; where they would take more they get smaller"""
     hardware: Hardware = Hardware.SOFTWARE
@@ -188,5 +200,7 @@ class Settings:
             raise UsageError(f"reflections may bounce 1 to {MAX_BOUNCES} times, not {self.bounces}")
         if not 1 <= self.reflection_sample_count <= MAX_REFLECTION_SAMPLES:
             raise UsageError(f"reflections take 1 to {MAX_REFLECTION_SAMPLES} samples of a pixel, not {self.reflection_sample_count}")
+        if not 0 < self.points_per_eye_pixel <= 4:
+            raise UsageError(f"epr takes more than 0 and at most 4 points of an eye's pixel, not {self.points_per_eye_pixel:g}")
         if self.reflection_map_mib < 1:
             raise UsageError("the maps of reflectors need at least 1 MiB")

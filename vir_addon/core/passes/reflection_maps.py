@@ -9,8 +9,9 @@ All maps of a frame are one list of texels:
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+import contextlib
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,8 +19,10 @@ from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
 from ...device.interface import LINEAR_TEXTURE_WIDTH, RenderTarget, Texture, TextureFormat, split_integers
 from ...device.owned import Owned
 from ..bounds import SceneBounds
+from ..settings import ReflectionMethod
 from .eye import VISIBILITY, VISIBILITY_OF_CUT_OUTS
-from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
+from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, WORK_GROUP_SIZE, SceneData
+from .shadow_maps import WORK_TABLE
 from .small_triangles import COPY_TEXELS
 
 MAP_LEVELS = 6
@@ -50,6 +53,27 @@ REFLECTION_TEXELS = ComputeDeclaration(
     images={"map_texels": Stored("RGBA32F", "write", MAP_TEXTURES["map_texels"].text)},
     constants={"map_number": MAP_NUMBER},
     defines={**SCENE_DEFINES, "NOTHING_NEARER": NOTHING_NEARER},
+)
+
+NEAREST_DEPTHS_TEXT = "bits of the smallest depth"
+NEAREST_NUMBERS_TEXT = "the smallest number of a triangle at that depth"
+
+REFLECTION_TEXELS_OF_CLOUD = replace(
+    REFLECTION_TEXELS,
+    name="reflection_texels_of_cloud",
+    text="the same of a cube that was splatted, and in which the rasterizer drew what has opacity maps",
+    textures={
+        **REFLECTION_TEXELS.textures,
+        "nearest_depths": Sampled("usampler2D", NEAREST_DEPTHS_TEXT),
+        "nearest_numbers": Sampled("usampler2D", NEAREST_NUMBERS_TEXT),
+        "work_table": WORK_TABLE,
+    },
+    constants={
+        **REFLECTION_TEXELS.constants,
+        "first_texel": Constant("int", "the cube's first texel"),
+        "is_drawn": Constant("int", "1: the rasterizer drew something"),
+    },
+    defines={**REFLECTION_TEXELS.defines, "OF_CLOUD": 1, "WORK_GROUP_SIZE": WORK_GROUP_SIZE},
 )
 
 REFLECTION_LEVELS = ComputeDeclaration(
@@ -84,6 +108,8 @@ class ReflectionMap:
     """(n,) int64 what it may see"""
     clipped_by: np.ndarray | None = None
     """(4,) float64 plane (normal, offset): only what has normal . p + offset > 0 is there; of single views"""
+    method: ReflectionMethod = ReflectionMethod.MVR
+    """never AUTO; only cubes are splatted"""
 
     @property
     def face_count(self) -> int:
@@ -151,7 +177,7 @@ def instances_in_face(drawn: ReflectionMap, face: int, corners_ws: np.ndarray) -
 
 
 class ReflectionMaps:
-    """Draws the maps of a frame with the hardware rasterizer, once."""
+    """Maps of a frame, drawn once: by the hardware rasterizer, but for those that something else splats."""
 
     def __init__(
         self, scene_data: SceneData, bounds: SceneBounds, maps: Sequence[ReflectionMap], drawn_before: ReflectionMaps | None = None
@@ -178,46 +204,83 @@ class ReflectionMaps:
     def bindings(self) -> dict[str, Texture]:
         return {"map_headers": self.headers, "map_texels": self.texels}
 
+    @property
+    def pending(self) -> dict[int, ReflectionMap]:
+        """Number -> those that have not been drawn"""
+        return {number: each for number, each in enumerate(self.maps) if number >= self._drawn_count}
+
     def drawing(self) -> Generator[None, None, None]:
-        """Those that have not been, face by face, on the device's thread."""
-        sizes = [(each.width_px, each.face_count * each.height_px) for each in self.maps]
-        for size in sorted(set(sizes[self._drawn_count :])):
+        """Those of the rasterizer that have not been, face by face, on the device's thread."""
+        own = {number: each for number, each in self.pending.items() if each.method is ReflectionMethod.MVR}
+        for size in sorted({_target_size(each) for each in own.values()}):
             # cleared for every map: no larger than it is
-            with Owned() as temporary:
-                visibility = temporary.own(self.device.create_texture(*size, TextureFormat.RG32UI))
-                depth = temporary.own(self.device.create_texture(*size, TextureFormat.DEPTH32F))
-                target = temporary.own(self.device.create_target(visibility, depth))
-                for number, each in enumerate(self.maps):
-                    if sizes[number] != size or number < self._drawn_count:
+            with self._target(size) as target:
+                for number, each in own.items():
+                    if _target_size(each) != size:
                         continue
-                    self.device.fill(visibility, 0)
-                    self.device.fill(depth, 0)
+                    self._clear(target)
                     for face in range(each.face_count):
                         self._rasterize(target, each, face)
                         yield
-                    self._store(visibility, number, each)
+                    self._store(REFLECTION_TEXELS, number, visibility=target.color)
+
+    def end_drawing(self) -> None:
+        """All that were pending have been drawn or splatted."""
         self._drawn_count = len(self.maps)
 
-    def _rasterize(self, target: RenderTarget, drawn: ReflectionMap, face: int) -> None:
+    @contextlib.contextmanager
+    def _target(self, size: tuple[int, int]) -> Iterator[RenderTarget]:
+        with Owned() as temporary:
+            visibility = temporary.own(self.device.create_texture(*size, TextureFormat.RG32UI))
+            depth = temporary.own(self.device.create_texture(*size, TextureFormat.DEPTH32F))
+            yield temporary.own(self.device.create_target(visibility, depth))
+
+    def _clear(self, target: RenderTarget) -> None:
+        self.device.fill(target.color, 0)
+        self.device.fill(target.depth, 0)
+
+    def _rasterize(self, target: RenderTarget, drawn: ReflectionMap, face: int, *, only_cut_outs: bool = False) -> None:
         inside = instances_in_face(drawn, face, self.corners_ws)
         cut_out = self.scene_data.cut_out[inside]
-        draws, cut_out_draws = self.scene_data.draws(inside[~cut_out]), self.scene_data.draws(inside[cut_out])
         viewport = (0, face * drawn.height_px, drawn.width_px, drawn.height_px)
         bindings = {"clip_from_world": drawn.clip_from_world(face), "instances": self.scene_data.instances}
-        self.device.raster_kernel(VISIBILITY).draw(target, viewport, draws, **bindings)
+        if not only_cut_outs:
+            self.device.raster_kernel(VISIBILITY).draw(target, viewport, self.scene_data.draws(inside[~cut_out]), **bindings)
         if self.scene_data.opacity_maps is not None:
+            cut_out_draws = self.scene_data.draws(inside[cut_out])
             self.device.raster_kernel(VISIBILITY_OF_CUT_OUTS).draw(
                 target, viewport, cut_out_draws, **bindings, **self.scene_data.opacity_maps.bindings, rasterization=0
             )
 
-    def _store(self, visibility: Texture, number: int, drawn: ReflectionMap) -> None:
-        self.device.compute_kernel(REFLECTION_TEXELS).dispatch_grid(
+    def store_splatted(self, number: int, nearest_depths: Texture, nearest_numbers: Texture, first_texel: int, work_table: Texture) -> None:
+        """Make the map's texels of what was splatted, and of its cut-outs, which the rasterizer draws. Called on the device's thread."""
+        drawn = self.maps[number]
+        has_cut_outs = bool(self.scene_data.cut_out[drawn.instances].any())
+        with self._target(_target_size(drawn) if has_cut_outs else (1, 1)) as target:
+            if has_cut_outs:
+                self._clear(target)
+                for face in range(drawn.face_count):
+                    self._rasterize(target, drawn, face, only_cut_outs=True)
+            self._store(
+                REFLECTION_TEXELS_OF_CLOUD,
+                number,
+                visibility=target.color,
+                nearest_depths=nearest_depths,
+                nearest_numbers=nearest_numbers,
+                first_texel=first_texel,
+                work_table=work_table,
+                is_drawn=int(has_cut_outs),
+            )
+
+    def _store(self, declaration: ComputeDeclaration, number: int, **seen: object) -> None:
+        drawn = self.maps[number]
+        self.device.compute_kernel(declaration).dispatch_grid(
             (drawn.width_px, drawn.face_count * drawn.height_px),
             **self.scene_data.bindings,
             map_headers=self.headers,
             map_texels=self.texels,
-            visibility=visibility,
             map_number=number,
+            **seen,
         )
         for level in range(1, MAP_LEVELS):
             self.device.compute_kernel(REFLECTION_LEVELS).dispatch_grid(
@@ -230,3 +293,7 @@ class ReflectionMaps:
 
     def release(self) -> None:
         self._owned.close()
+
+
+def _target_size(drawn: ReflectionMap) -> tuple[int, int]:
+    return drawn.width_px, drawn.face_count * drawn.height_px
