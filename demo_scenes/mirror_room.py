@@ -20,9 +20,12 @@ THING_COUNT = 12
 THING_COLORS = ((0.75, 0.2, 0.15), (0.2, 0.6, 0.25), (0.15, 0.25, 0.7), (0.8, 0.65, 0.1))
 
 
-def palette(roughness: float) -> dict[str, tuple[tuple[float, float, float], float, float]]:
-    """roughness: of the mirror"""
-    things = {f"thing {k}": (color, 0.8, 0.0) for k, color in enumerate(THING_COLORS)}
+def palette(roughness: float, has_gloss: bool) -> dict[str, tuple[tuple[float, float, float], float, float]]:
+    """roughness: of the mirror; has_gloss: of things"""
+    things = {
+        f"thing {k}": (color, 0.6 - 0.2 * (k % 2) if has_gloss else 0.8, float(has_gloss and k % 2 == 0))
+        for k, color in enumerate(THING_COLORS)
+    }
     return {
         "light": ((0.8, 0.75, 0.7), 0.8, 0.0),
         "dark": ((0.15, 0.2, 0.3), 0.8, 0.0),
@@ -52,9 +55,9 @@ def _squares(parity: int) -> Shape:
     return joined(parts)
 
 
-def build(scene: bpy.types.Scene, roughness: float = 0.0, shape: str = "sphere") -> None:
-    """Fill an empty scene. shape: of the mirror, 'sphere', 'column' or 'flat'"""
-    stage = Stage(scene, palette(roughness), "Mirror room")
+def build(scene: bpy.types.Scene, roughness: float = 0.0, shape: str = "sphere", *, has_gloss: bool = False) -> None:
+    """Fill an empty scene. shape: of the mirror, 'sphere', 'column' or 'flat'; has_gloss: things are rough metal and plastic"""
+    stage = Stage(scene, palette(roughness, has_gloss), "Mirror room")
     stage.add("Room", [(_squares(0), "light"), (_squares(1), "dark")], sharp_deg=10.0)
     for k in range(THING_COUNT):
         angle, distance_m = 2 * np.pi * (k + 0.3) / THING_COUNT, 1.5 + 0.5 * (k % 3)

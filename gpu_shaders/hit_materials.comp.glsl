@@ -14,6 +14,9 @@ void main() {
     int how = int(hit.w);
     vec3 own = vec3(0.0);
     vec3 scattered = vec3(0.0);
+    vec3 throughput = texelFetch(throughputs, pixel, 0).rgb;
+    Gloss gloss = Gloss(vec3(0.0), 0.0, 1.0, false);
+    bool is_reflector = false;
     if (how == REFLECTED_NOTHING || how == REFLECTED_OUT_OF_VIEW) {
         own = world_radiance(texelFetch(ray_directions, pixel, 0).xyz);
     } else if (how != NO_RAY) {
@@ -28,9 +31,15 @@ void main() {
         float under = 1.0 - largest(dielectric_albedo(surface, lobe_of(surface.roughness, cosine)));
         scattered = PER_PI * max(under, 0.0) * (1.0 - coat_albedo(surface, cosine)) * surface.diffuse;
         own = emitted(surface, to_eye);
+        gloss = gloss_of(surface, throughput, cosine);
+        vec4 maps = texelFetch(instance_maps, linear_texel(int(position.w)), 0);
+        is_reflector = max(maps.x, maps.y) >= 0.0;
     }
-    vec3 throughput = texelFetch(throughputs, pixel, 0).rgb;
-    imageStore(scatterings, pixel, vec4(throughput * scattered, 0.0));
+    float grazing;
+    vec4 glossy;
+    keep_gloss(gloss, is_reflector, grazing, glossy);
+    imageStore(scatterings, pixel, vec4(throughput * scattered, grazing));
+    imageStore(glosses, pixel, glossy);
     vec3 before = bounce == 0 ? vec3(0.0) : imageLoad(radiances, pixel).rgb;
     imageStore(radiances, pixel, vec4(before + throughput * own, 0.0));
 }

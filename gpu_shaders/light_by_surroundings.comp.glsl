@@ -11,13 +11,20 @@ void main() {
     if (!find_pixel(pixel)) {
         return;
     }
-    vec3 scattered = texelFetch(scatterings, pixel, 0).rgb;
-    if (dot(scattered, vec3(1.0)) <= 0.0) {
-        return;
-    }
+    vec4 diffuse = texelFetch(scatterings, pixel, 0);
+    vec4 glossy = texelFetch(glosses, pixel, 0);
     vec4 position = texelFetch(positions, pixel, 0);
     vec4 normal = texelFetch(normals, pixel, 0);
     vec3 n = unpack_direction(normal.w);
+    vec3 scattered = diffuse.rgb;
+    if (glossy.w > 0.0) {
+        // no ray follows: so rough a surface shows no shapes
+        float cos_eye = clamp(-dot(n, texelFetch(ray_directions, pixel, 0).xyz), 0.0, 1.0);
+        scattered += gloss_fresnel(kept_gloss(diffuse.w, glossy), cos_eye) / PI;
+    }
+    if (position.w < 0.0 || dot(scattered, vec3(1.0)) <= 0.0) {
+        return;
+    }
     // directions distributed as their cosine: points of a sphere around the normal's end
     vec2 place = shifted(pixel, vec2(sample_x, sample_y), bounce);
     float height = 1.0 - 2.0 * place.x;
@@ -36,7 +43,7 @@ void main() {
     vec3 radiance = vec3(0.0);
     if (found.how == REFLECTED_NOTHING) {
         radiance = world_radiance(direction);
-    } else if (found.how == REFLECTED_SURFACE) {
+    } else if (!is_empty(found.texel)) {
         InstanceData instance = load_instance(int(found.texel.z));
         TriangleData triangle = load_triangle(instance, int(found.texel.w));
         vec3 weights = vec3(1.0 - found.meeting.weights.x - found.meeting.weights.y, found.meeting.weights);

@@ -98,7 +98,10 @@ void main() {
         albedo = vec4(reflection_color(surface, cosine), 1.0);
         // a coat has other facets than what it lies upon: those of the one that reflects more stand for both
         vec3 reflected = albedo.rgb;
-        if (surface.coat_weight <= 0.0) {
+        if (surface.coat_weight > 0.0) {
+            // the mean of masking over facets is in it already
+            masked /= width > MIRROR_WIDTH ? lobe_of(roughness, cosine).albedo : 1.0;
+        } else {
             reflected = lobe_fresnel(surface, lobe_of(surface.roughness, cosine), clamp(-dot(facet, incoming), 0.0, 1.0));
         }
         color = vec4(before * masked * reflected, beside);

@@ -12,9 +12,18 @@ import OpenEXR
 
 def render(scene: bpy.types.Scene, resolution: tuple[int, int], samples: int, bounces: int) -> tuple[np.ndarray, np.ndarray]:
     """What arrives along reflections and what it is multiplied by, (height, width, 3) float32 each, row 0 at the bottom. Lamps show in
-    neither, as they are no surfaces."""
+    neither, as they are no surfaces, but have highlights on what reflections show."""
+    direct, _, color = _render(scene, resolution, samples, bounces, has_highlights=False)
+    _, indirect, _ = _render(scene, resolution, samples, bounces, has_highlights=True)
+    return direct + indirect, color
+
+
+def _render(
+    scene: bpy.types.Scene, resolution: tuple[int, int], samples: int, bounces: int, *, has_highlights: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Glossy direct, indirect and colour."""
     for shown in scene.objects:
-        shown.visible_glossy = shown.type != "LIGHT"
+        shown.visible_glossy = has_highlights or shown.type != "LIGHT"
     rendered, cycles = scene.render, scene.cycles
     rendered.engine, cycles.device, cycles.samples = "CYCLES", "CPU", samples
     rendered.resolution_x, rendered.resolution_y, rendered.resolution_percentage = *resolution, 100
@@ -37,4 +46,4 @@ def render(scene: bpy.types.Scene, resolution: tuple[int, int], samples: int, bo
         found = next(name for name in (key[:-2] for key in channels if key.endswith(".R")) if name.split(".")[-1] in names)
         return np.stack([channels[f"{found}.{letter}"] for letter in "RGB"], axis=-1)[::-1].astype(np.float32)
 
-    return image("GlossDir", "Glossy Direct") + image("GlossInd", "Glossy Indirect"), image("GlossCol", "Glossy Color")
+    return image("GlossDir", "Glossy Direct"), image("GlossInd", "Glossy Indirect"), image("GlossCol", "Glossy Color")

@@ -2,6 +2,7 @@
 // bounces between microfacets given back, a diffuse lobe under the dielectric one, a clear coat over all.
 // Means over lobes come from core/reflectance_table.py.
 #include "lib/material.glsl"
+#include "lib/gloss.glsl"
 
 // What the table knows of a lobe, seen under a cosine.
 struct Lobe {
@@ -26,20 +27,6 @@ Lobe lobe_of(float roughness, float cosine) {
         curve += weights.x * weights.y * texelFetch(surface_data, linear_texel(texel + 1), 0);
     }
     return Lobe(means.x, means.w, means.y, means.z, curve);
-}
-
-float reflectance_straight_on(float ior) {
-    float root = (ior - 1.0) / (ior + 1.0);
-    return root * root;
-}
-
-// Of unpolarized light that meets a denser medium: between its value straight on and 1 at grazing angles, as a share of the way.
-float dielectric_curve(float cosine, float ior) {
-    float straight_on = reflectance_straight_on(ior);
-    float g = sqrt(max(ior * ior - 1.0 + cosine * cosine, 0.0));
-    float first = (g - cosine) / max(g + cosine, 1e-6);
-    float second = (cosine * (g + cosine) - 1.0) / (cosine * (g - cosine) + 1.0);
-    return clamp((0.5 * first * first * (1.0 + second * second) - straight_on) / (1.0 - straight_on), 0.0, 1.0);
 }
 
 float mean_dielectric_curve(Lobe lobe, float ior) {
@@ -141,20 +128,6 @@ float reflection_roughness(Surface s, float cosine) {
     return coat > largest((1.0 - coat) * (dielectric_albedo(s, lobe) + metal_albedo(s, lobe))) ? s.coat_roughness : s.roughness;
 }
 
-float smith(float width, float cosine) {
-    return 0.5 * (sqrt(1.0 + width * width * (1.0 / (cosine * cosine) - 1.0)) - 1.0);
-}
-
-// Distribution and masking of a lobe over 4 cos cos. width: GGX alpha
-float ggx(float width, float cos_half, float cos_eye, float cos_light) {
-    float squared = width * width;
-    float falloff = cos_half * cos_half * (squared - 1.0) + 1.0;
-    float distribution = squared / (3.14159265 * falloff * falloff);
-    return distribution / ((1.0 + smith(width, cos_eye) + smith(width, cos_light)) * 4.0 * cos_eye * cos_light);
-}
-
-const float LEAST_COSINE = 1e-3;
-
 // Radiance towards the eye over irradiance from a direction. Unit vectors; the normal is the surface's.
 // least_width: GGX alpha that lobes have at least. A light that is sampled at few points would otherwise leave each of them as a spark.
 vec3 brdf(Surface s, vec3 to_eye, vec3 to_light, float least_width) {
@@ -182,6 +155,25 @@ vec3 brdf(Surface s, vec3 to_eye, vec3 to_light, float least_width) {
         reflected = (1.0 - coat_albedo(s, cos_eye)) * reflected + s.coat_weight * fresnel * ggx(width, cos_half, cos_eye, cos_light);
     }
     return reflected;
+}
+
+// throughput: what light from the surface is multiplied by; cosine: of the direction to the eye
+Gloss gloss_of(Surface s, vec3 throughput, float cosine) {
+    Lobe lobe = lobe_of(s.roughness, cosine);
+    float coat = coat_albedo(s, cosine);
+    vec3 dielectric = (1.0 - coat) * dielectric_albedo(s, lobe);
+    vec3 metal = (1.0 - coat) * metal_albedo(s, lobe);
+    vec3 straight_on = (1.0 - coat) * lobe_fresnel(s, lobe, 1.0);
+    vec3 grazing = (1.0 - coat) * lobe_fresnel(s, lobe, 0.0);
+    bool is_metal = largest(metal) > largest(dielectric);
+    if (coat > largest(dielectric + metal)) {
+        float brighter = s.coat_weight * multiple_bounces(lobe_of(s.coat_roughness, cosine), vec3(mean_fresnel(s.coat_ior))).x;
+        straight_on = vec3(brighter * reflectance_straight_on(s.coat_ior));
+        grazing = vec3(brighter);
+        is_metal = false;
+    }
+    float roughness = reflection_roughness(s, cosine);
+    return Gloss(throughput * straight_on, dot(throughput * grazing, vec3(1.0 / 3.0)), roughness * roughness, is_metal);
 }
 
 // What a surface sends to the eye of its own.

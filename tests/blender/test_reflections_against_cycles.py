@@ -66,3 +66,14 @@ def test_a_mirror_in_a_room(device, shape, roughness, limit):
     assert np.abs(np.median(own_color - color, axis=0)).max() < 0.01
     if is_near:
         assert rmse[ReflectionLookUp.MARCH] < 0.5 * rmse[ReflectionLookUp.DIRECTION]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("shape", "limit"), [("sphere", 0.06), ("flat", 0.04)])
+def test_highlights_on_what_a_mirror_shows(device, shape, limit):
+    """Without them, and with metal that is black, the flat mirror would be off by 0.1."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    mirror_room.build(bpy.context.scene, shape=shape, has_gloss=True)
+    rmse, _, _ = errors(bpy.context.scene, [ReflectionLookUp.MARCH], device)
+    print(shape, rmse)
+    assert rmse[ReflectionLookUp.MARCH] < limit

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from tests.core.test_reflections import box_colors, camera_rays, colored_box
+from tests.device.surface_queries import ask, scene_of, square
 from tests.scenes import floor, matte, mirror, perspective_camera, point_light, rectangle, render_passes, rmse, snapshot
-from vir_addon.core.material import World
+from vir_addon.core.material import BLACK, WHITE, Constant, Material, World
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
 from vir_addon.core.plan import plan
 from vir_addon.core.render import render
@@ -127,3 +128,73 @@ def test_hidden_reflectors_cost_no_maps(device):
         assert (found.map_count if found is not None else 0) == map_count
         assert progress.passes[REFLECTION_COLOR_PASS_NAME].any() == (map_count > 0)
         assert any("hidden behind" in note for note in progress.statistics.notes) == (map_count == 0)
+
+
+GLOSSY = {
+    "metal": Material(
+        "metal", BLACK, BLACK, metal_weight=WHITE, metal=Constant((0.9, 0.5, 0.2)), roughness=Constant(3 * (0.6,)), specular_tint=WHITE
+    ),
+    "plastic": Material("plastic", Constant((0.2, 0.1, 0.05)), roughness=Constant(3 * (0.4,))),
+    "coat": Material(
+        "coat", Constant((0.1, 0.1, 0.1)), BLACK, coat_weight=WHITE, coat_roughness=Constant(3 * (0.35,)), roughness=Constant(3 * (0.9,))
+    ),
+}
+
+
+@pytest.mark.parametrize("name", GLOSSY)
+def test_lights_shine_on_what_reflectors_show_as_its_whole_material_says(device, name):
+    """A floor in a mirror, lit by a point, with highlights: the BRDF that the device has for single directions, times irradiance."""
+    light_ws = np.array((0.3, -4.2, 2.4))
+    light = point_light(eye=light_ws, radius_m=0.0, strength=10.0, strength_rgb=(12.0, 10.0, 8.0))
+    camera = perspective_camera((0.0, -3.0, 2.4), (0.0, 2.0, 1.2), WIDTH, HEIGHT, 0.25)
+    wall = rectangle("wall", (-2, 2, -0.5), (4, 0, 0), (0, 0, 4))
+    scene = snapshot([floor(6.0), wall], [light], camera, WIDTH, HEIGHT, materials=[GLOSSY[name], mirror()], world=World())
+    image = render_passes(scene, device, reflection_sample_count=2, effects=(Effect.REFLECTION,), view_count=1, bounces=1)
+    shown = image[REFLECTION_PASS_NAME]
+
+    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
+    at = eye + ((2 - eye[1]) / directions[..., 1])[..., None] * directions
+    reflected = directions * (1, -1, 1)
+    with np.errstate(divide="ignore"):
+        place = at - (at[..., 2] / reflected[..., 2])[..., None] * reflected
+    judged = (reflected[..., 2] < 0) & (np.abs(place[..., :2]) < 5.5).all(axis=-1) & (np.abs(at[..., 0]) < 1.9) & (at[..., 2] > 0.05)
+    assert judged.sum() > 150
+    toward = light_ws - place[judged]
+    distance = np.linalg.norm(toward, axis=1, keepdims=True)
+    answers = ask(device, scene_of([square()], [GLOSSY[name]]), to_eye=-reflected[judged], to_light=toward / distance)
+    truth = answers.brdf * toward[:, 2:] / distance**3 * (12.0, 10.0, 8.0)
+    diffuse = answers.diffuse / np.pi * toward[:, 2:] / distance**3 * (12.0, 10.0, 8.0)
+    assert (truth > 1.5 * diffuse).any(axis=1).sum() > 20
+    np.testing.assert_allclose(shown[judged], truth, rtol=0.06, atol=0.003 * truth.max())
+
+
+def test_metal_without_a_map_shows_what_surrounds_it(device):
+    """In a mirror: what is too rough for maps, and what the eye does not see."""
+    camera = perspective_camera((0.0, -3.0, 1.6), (0.0, 2.0, 0.9), WIDTH, HEIGHT, 0.25)
+    wall = rectangle("wall", (-2, 2, -0.5), (4, 0, 0), (0, 0, 4))
+    means = []
+    for roughness in (0.7, 0.0):
+        scene = snapshot(
+            [floor(6.0), wall],
+            [],
+            camera,
+            WIDTH,
+            HEIGHT,
+            materials=[mirror((0.5, 0.5, 0.5), roughness=roughness), mirror()],
+            world=World((1.0, 1.0, 1.0)),
+        )
+        image = render_passes(scene, device, reflection_sample_count=16, effects=(Effect.REFLECTION,), bounces=1)[REFLECTION_PASS_NAME]
+        means.append(image[2:6, 8:-8].mean())
+    np.testing.assert_allclose(means, 0.5, atol=0.08)
+
+
+def test_a_rough_coat_in_even_light_reflects_as_much_as_its_colour_says(device):
+    """Masking between facets counts once."""
+    coat = Material(
+        "coat", Constant((0.1, 0.1, 0.1)), BLACK, coat_weight=WHITE, coat_roughness=Constant(3 * (0.3,)), roughness=Constant(3 * (0.9,))
+    )
+    camera = perspective_camera((0.0, -1.0, 0.25), (0.0, 0.0, 0.0), WIDTH, HEIGHT, 0.2)
+    scene = snapshot([floor(3.0)], [], camera, WIDTH, HEIGHT, materials=[coat], world=World((1.0, 1.0, 1.0)))
+    passes = render_passes(scene, device, reflection_sample_count=32, effects=(Effect.REFLECTION,))
+    assert passes[REFLECTION_COLOR_PASS_NAME][4:8, 8:-8].min() > 0.1
+    assert passes[REFLECTION_PASS_NAME][4:8, 8:-8].mean() == pytest.approx(1.0, abs=0.02)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -17,10 +18,10 @@ from .methods.shared import SharedByFaces
 from .pass_set import PassStatistics
 from .passes.accumulate import MIN_EARLY_SETTLING_VIEWS, MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, STATE_LIT, PassAccumulator
 from .passes.eye import EyePass
-from .passes.percentage_closer import PERCENTAGE_CLOSER, LightTaps
-from .passes.resolve import FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, WAS_LIT
+from .passes.percentage_closer import PERCENTAGE_CLOSER, LightTaps, light_radius_m
+from .passes.resolve import DELIVERED_FLAGS, FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, WAS_LIT
 from .passes.scene_data import SceneData
-from .passes.shadow_maps import DepthMaps, face_table, samples_table, views_table
+from .passes.shadow_maps import MAX_BATCH_VIEWS, DepthMaps, face_table, samples_table, views_table
 from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
 from .reach import select_receivers
 from .reflection_work import Hits, ReflectionWork
@@ -284,7 +285,26 @@ class LightWork(Shared):
         tiles = reflections.lit_tiles(FIRST_FACE if index == 0 else 0)
         tiles.dispatch(self._kernel(), **self._bound({**look_up, **hits.buffer._asdict(), "batch_sums": hits.sums}))
         if index == len(self.mapped) - 1:
-            reflections.add_light(hits, self._irradiance_of_sum(look_up["view_count"]))
+            points = self._light_points(look_up)
+            reflections.add_light(
+                hits,
+                [flag for flag in self.resolve_flags if flag in DELIVERED_FLAGS],
+                light_rgb=self._irradiance_of_sum(look_up["view_count"]),
+                face=look_up["face"],
+                light_points=points,
+                point_count=len(points),
+                point_spacing=light_radius_m(self.light) / math.sqrt(self.planned.view_count),
+            )
+
+    def _light_points(self, look_up: dict[str, Any]) -> np.ndarray:
+        """(n, 4) of LIGHT_HITS, those that a round looks up; some of the filter's of a light that is looked up by taps"""
+        if self.taps:
+            return look_up["light_points"][look_up["search_count"] :][:MAX_BATCH_VIEWS]
+        selected = slice(look_up["first_view"], look_up["first_view"] + look_up["view_count"])
+        points = look_up["samples"][selected].copy()
+        if self.light.shape is not LightShape.SUN:
+            points[:, :3] = look_up["views"][0::2, :3][selected]
+        return points
 
     def _irradiance_of_sum(self, view_count: int) -> tuple[float, float, float]:
         red, green, blue = self.light.strength_rgb or 3 * (self.light.strength,)

@@ -53,7 +53,10 @@ class Hits:
 
     part: int
     buffer: GBuffer
+    seen_from: Texture
+    """positions of where the rays began"""
     scatterings: Texture
+    glosses: Texture
     sums: Texture
     """what a light brings, as RESOLVE sums it over faces"""
 
@@ -90,9 +93,14 @@ class ReflectionWork:
             self.surfaces = texture()
             self.radiances = [texture() for _ in parts]
             self.colors = [texture() for _ in parts]
-            self.hits = [
-                [Hits(part, GBuffer(texture(), texture()), texture(), texture()) for _ in range(planned.bounces)] for part in parts
-            ]
+            self.hits: list[list[Hits]] = []
+            for part in parts:
+                self.hits.append([])
+                seen_from = eye.buffers[part].positions
+                for _ in range(planned.bounces):
+                    hits = Hits(part, GBuffer(texture(), texture()), seen_from, texture(), texture(), texture())
+                    self.hits[part].append(hits)
+                    seen_from = hits.buffer.positions
             self.sums = {name: owned.own(self.device.upload_texture(zeros)) for name in ("radiance_sums", "color_sums")}
             owned.callback(self._forget_maps)
             self._use(planned)
@@ -229,7 +237,9 @@ class ReflectionWork:
             **seen,
             ray_directions=self.rays["ray_directions"],
             throughputs=self.rays["throughputs"],
+            instance_maps=self.instance_maps,
             scatterings=hits.scatterings,
+            glosses=hits.glosses,
             radiances=self.radiances[part],
             bounce=bounce,
         )
@@ -243,8 +253,10 @@ class ReflectionWork:
                 **self.maps.bindings,
                 **hits.buffer._asdict(),
                 ray_origins=self.rays["ray_origins"],
+                ray_directions=self.rays["ray_directions"],
                 throughputs=self.rays["throughputs"],
                 scatterings=hits.scatterings,
+                glosses=hits.glosses,
                 radiances=self.radiances[part],
                 bounce=bounce + self.planned.bounces,
                 sample_x=light[0],
@@ -279,14 +291,17 @@ class ReflectionWork:
         for part in self.hits:
             yield from part
 
-    def add_light(self, hits: Hits, light_rgb: tuple[float, float, float]) -> None:
-        """light_rgb: irradiance for a sum of 1"""
+    def add_light(self, hits: Hits, flags: list[str], **light: object) -> None:
+        """flags, light: of LIGHT_HITS"""
         self._walk(
-            self.device.compute_kernel(LIGHT_HITS),
+            self.device.compute_kernel(LIGHT_HITS, *flags),
+            **hits.buffer._asdict(),
+            seen_from=hits.seen_from,
             scatterings=hits.scatterings,
+            glosses=hits.glosses,
             batch_sums=hits.sums,
             radiances=self.radiances[hits.part],
-            light_rgb=light_rgb,
+            **light,
         )
 
     def end_batch(self, stopwatch: Stopwatch) -> None:

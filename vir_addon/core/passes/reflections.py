@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored, Table
 from .reflection_maps import MAP_LEVELS, MAP_TEXTURES
+from .resolve import DELIVERED_FLAGS, RESOLVE
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES
+from .shadow_maps import FACE_TABLE, MAX_BATCH_VIEWS
 from .surface_data import LUMINANCE_DEFINES, REFLECTANCE_DEFINES, SURFACE_DEFINES, SURFACE_TEXTURES
 from .tiles import SIZE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, WALK_CONSTANTS
 
@@ -34,7 +36,11 @@ DIRECTIONS = "unit direction of the ray and how far along it nothing is met"
 THROUGHPUTS = (
     "what the light that the ray finds is multiplied by, and its second map: beside the first, -1 none, -2 and less the reflector itself"
 )
-SCATTERINGS = "radiance towards the eye for an irradiance of 1"
+SCATTERINGS = "radiance towards the eye for an irradiance of 1, of the diffuse lobe; the gloss at grazing angles, negative of metal"
+GLOSSES = "reflectance of the gloss straight on, what the light is multiplied by included; its GGX width, negative of reflectors"
+INSTANCE_MAPS = "of every instance: its maps for what the eye sees, for rays from others, beside the first and of itself; -1: none"
+LEAST_LIT_WIDTH = 0.02
+"""GGX alpha that lobes have at least where lights are looked up: what reflects a light without size in a narrower one is a spark"""
 RADIANCES = "light that the picture's reflections bring in this round, what they are multiplied by included"
 COLORS = "what reflected light is multiplied by at the first reflector, and whether the pixel shows one"
 BOUNCE = Constant("int", "how often what the eye sees has been reflected already")
@@ -55,9 +61,7 @@ REFLECT = ComputeDeclaration(
         **SURFACE_TEXTURES,
         **SEEN,
         "corner_normals": Sampled("sampler2D", "three packed normals of every triangle of meshes that need them"),
-        "instance_maps": Sampled(
-            "sampler2D", "of every instance: its maps for what the eye sees, for rays from others, beside the first and of itself; -1: none"
-        ),
+        "instance_maps": Sampled("sampler2D", INSTANCE_MAPS),
         **TILE_TEXTURES,
     },
     images={
@@ -113,10 +117,12 @@ HIT_MATERIALS = ComputeDeclaration(
         **SEEN,
         "ray_directions": Sampled("sampler2D", DIRECTIONS),
         "throughputs": Sampled("sampler2D", THROUGHPUTS),
+        "instance_maps": Sampled("sampler2D", INSTANCE_MAPS),
         **TILE_TEXTURES,
     },
     images={
         "scatterings": Stored("RGBA32F", "write", SCATTERINGS),
+        "glosses": Stored("RGBA32F", "write", GLOSSES),
         "radiances": Stored("RGBA32F", "read_write", RADIANCES),
     },
     constants={**SIZE_CONSTANTS, **WALK_CONSTANTS, "bounce": BOUNCE},
@@ -137,7 +143,11 @@ LIGHT_HITS = ComputeDeclaration(
     source="light_hits.comp.glsl",
     local_size=(TILE_PX, TILE_PX, 1),
     textures={
+        "positions": SEEN["positions"],
+        "normals": SEEN["normals"],
+        "seen_from": Sampled("sampler2D", "positions of where the rays began"),
         "scatterings": Sampled("sampler2D", SCATTERINGS),
+        "glosses": Sampled("sampler2D", GLOSSES),
         "batch_sums": Sampled("sampler2D", "x: light that arrives, as RESOLVE sums it"),
         **TILE_TEXTURES,
     },
@@ -146,8 +156,15 @@ LIGHT_HITS = ComputeDeclaration(
         **SIZE_CONSTANTS,
         **WALK_CONSTANTS,
         "light_rgb": Constant("vec3", "irradiance for a sum of 1"),
+        "point_count": Constant("int", "points of the light"),
+        "point_spacing": Constant("float", "between all points that stand for the light, metres; suns: at a metre"),
     },
-    defines=TILE_DEFINES,
+    tables={
+        "face": FACE_TABLE,
+        "light_points": Table(MAX_BATCH_VIEWS, "points of the light (face space; suns: unit directions of rays) and what each counts"),
+    },
+    flags={name: RESOLVE.flags[name] for name in DELIVERED_FLAGS},
+    defines={**TILE_DEFINES, "LEAST_LIT_WIDTH": LEAST_LIT_WIDTH},
 )
 
 LIGHT_BY_SURROUNDINGS = ComputeDeclaration(
@@ -162,8 +179,10 @@ LIGHT_BY_SURROUNDINGS = ComputeDeclaration(
         "positions": SEEN["positions"],
         "normals": SEEN["normals"],
         "ray_origins": Sampled("sampler2D", ORIGINS),
+        "ray_directions": Sampled("sampler2D", DIRECTIONS),
         "throughputs": Sampled("sampler2D", THROUGHPUTS),
         "scatterings": Sampled("sampler2D", SCATTERINGS),
+        "glosses": Sampled("sampler2D", GLOSSES),
         **TILE_TEXTURES,
     },
     images={"radiances": Stored("RGBA32F", "read_write", RADIANCES)},

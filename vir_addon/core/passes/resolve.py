@@ -72,3 +72,6 @@ RESOLVE = ComputeDeclaration(
     },
     defines={**TILE_DEFINES, **TURN_DEFINES, **SETTLED_DEFINES},
 )
+
+DELIVERED_FLAGS = ("ORTHOGRAPHIC", "OMNI", "SPHERE", "CONE")
+"""what lib/delivered.glsl asks for"""
