@@ -11,7 +11,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from vir_addon import blender  # noqa: E402  (bpy decides whether this file runs)
-from vir_addon.blender import devices, frame_state, job, operators  # noqa: E402
+from vir_addon.blender import devices, frame_state, job, operators, panels  # noqa: E402
 from vir_addon.blender.images import scene_images  # noqa: E402
 from vir_addon.blender.properties import settings_of  # noqa: E402
 from vir_addon.blender.stepped_render import SteppedRender  # noqa: E402
@@ -316,8 +316,12 @@ def test_reflections_are_passes_in_colour(room):
     assert {"VIR Reflection", "VIR Shadow Key"} <= set(images) and colour[..., 0].max() > 1.5 * colour[..., 2].max() > 0
     bpy.ops.vir.add_to_compositor()
     assert bpy.ops.vir.open_report() == {"FINISHED"}
+    assert panels.reflector_names(room) == {"Cube"}
+    room.vir.active_reflector_index = room.objects.find("Cube")
+    assert room.vir.active_reflector == "Cube" and room.objects[room.vir.active_reflector_index] == mirror
     mirror.vir.reflector = "NEVER"
     bpy.ops.vir.plan()
+    assert panels.reflector_names(room) == {"Cube"}, "it could not be taken back"
     assert not any(runs for runs, _ in frame_state.state_of(room).reflectors.values())
 
 

@@ -44,8 +44,13 @@ def begin_render(near: tuple[int, int] | None = None) -> Iterator[float]:
 
 def install() -> Steps:
     before = state()
-    bpy.ops.extensions.package_install_files(filepath=str(ZIP), repo="user_default", enable_on_install=True)
-    assert MODULE in bpy.context.preferences.addons, "not enabled"
+    # what Blender does with a zip that is dropped into its window: it asks first
+    with bpy.context.temp_override(**view()):
+        bpy.ops.extensions.package_install_files("INVOKE_DEFAULT", url=str(ZIP))
+    yield 1.0
+    yield from screenshot("0_dropped")
+    yield from press("RET")
+    yield from wait_until(lambda: MODULE in bpy.context.preferences.addons, "the dropped zip is enabled", 60)
     yield 0.5
     for _ in range(2):
         bpy.ops.preferences.addon_disable(module=MODULE)
@@ -124,7 +129,7 @@ def compose() -> Steps:
 def change_while_rendering() -> Steps:
     """A light is deleted and the file saved while it renders: the passes are those of the scene as it was."""
     yield from show_panel()
-    bpy.context.scene.vir.view_count = 256
+    bpy.context.scene.vir.view_count = 64
     yield from begin_render()
     assert is_rendering()
     bpy.data.objects.remove(bpy.data.objects["Lamp"])
@@ -141,6 +146,17 @@ def change_while_rendering() -> Steps:
     yield from screenshot("8_no_camera")
 
 
+def speak_german() -> Steps:
+    preferences = bpy.context.preferences.view
+    preferences.language = "de_DE"
+    preferences.use_translate_interface = preferences.use_translate_tooltips = True
+    look_up = bpy.app.translations.pgettext_iface
+    assert look_up("Render Passes", "Operator") == "Pässe rendern" and look_up("Soft Shadows") == "Weiche Schatten"
+    yield from screenshot("2_german")
+    preferences.language = "en_US"
+    yield 0.5
+
+
 def steps() -> Steps:
     yield from install()
     yield from open_scene()
@@ -148,6 +164,7 @@ def steps() -> Steps:
     yield from screenshot("1_panel")
     yield from click_button("vir.plan")
     yield from screenshot("2_plan")
+    yield from speak_german()
     yield from render_and_cancel()
     preset = bpy.utils.preset_find("Draft", "vir")
     bpy.ops.script.execute_preset(filepath=preset, menu_idname="VIR_PT_presets")

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from . import devices, frame_hook, frame_state, operators, panels, presets, properties
+from . import devices, frame_hook, frame_state, operators, panels, presets, properties, translations
 from .preview import interface
 
 CLI_COMMAND = "vir"
@@ -28,6 +28,7 @@ def register() -> None:
     devices.register()
     frame_hook.register()
     interface.register()
+    translations.register()
     _handles.append(bpy.utils.register_cli_command(CLI_COMMAND, run_command))
 
 
@@ -38,6 +39,7 @@ def unregister() -> None:
     while _handles:
         bpy.utils.unregister_cli_command(_handles.pop())
     operators.end_modal()
+    translations.unregister()
     interface.unregister()
     frame_hook.unregister()
     bpy.app.handlers.load_pre.remove(_forget_file)

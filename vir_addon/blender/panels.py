@@ -12,9 +12,10 @@ from ..core.settings import Method
 from . import frame_state
 from .frame_hook import reasons_against_frames
 from .frame_state import SceneState, decision_text, state_of
+from .job import SURFACE_TYPES
 from .operators import reason_against_rendering
 from .presets import VIR_PT_presets
-from .properties import is_newer, settings_of
+from .properties import REFLECTOR_PROPERTY, is_newer, settings_of
 
 LIGHT_ICONS = {"AREA": "LIGHT_AREA", "SUN": "LIGHT_SUN", "POINT": "LIGHT_POINT", "SPOT": "LIGHT_SPOT"}
 LETTER_WIDTH_PX = 6.5
@@ -49,6 +50,35 @@ class VIR_UL_lights(bpy.types.UIList):
         wanted = self.filter_name.casefold()
         shown = [self.bitflag_filter_item if item.type == "LIGHT" and wanted in item.name.casefold() else 0 for item in objects]
         return shown, bpy.types.UI_UL_list.sort_items_by_name(objects, "name")
+
+
+class VIR_UL_reflectors(bpy.types.UIList):
+    """Every reflector with what the plan decided, and every object that is marked"""
+
+    def draw_item(
+        self, context: Any, layout: Any, data: Any, item: Any, icon: int, active_data: Any, active_property: str, index: int = 0
+    ) -> None:
+        split = layout.split(factor=0.3, align=True)
+        split.label(text=item.name, translate=False, icon="OBJECT_DATA")
+        row = split.split(factor=0.4, align=True)
+        row.prop(item.vir, "reflector", text="")
+        state = state_of(context.scene)
+        runs, how = state.reflectors.get(item.name, (False, "not a reflector" if state.plans else "not planned yet"))
+        text = row.row()
+        text.active = runs
+        text.label(text=how, translate=False)
+
+    def filter_items(self, context: Any, data: Any, property_name: str) -> tuple[list[int], list[int]]:
+        objects = getattr(data, property_name)
+        names, wanted = reflector_names(context.scene), self.filter_name.casefold()
+        shown = [self.bitflag_filter_item if item.name in names and wanted in item.name.casefold() else 0 for item in objects]
+        return shown, bpy.types.UI_UL_list.sort_items_by_name(objects, "name")
+
+
+def reflector_names(scene: bpy.types.Scene) -> set[str]:
+    """Of the scene's objects that have a row in the list of reflectors."""
+    marked = {item.name for item in scene.objects if REFLECTOR_PROPERTY in item}
+    return marked | (state_of(scene).reflectors.keys() & set(scene.objects.keys()))
 
 
 class _InSidebar:
@@ -160,12 +190,18 @@ class _Reflectors:
         scene, layout = context.scene, self.layout
         state = state_of(scene)
         chosen = context.object
-        if chosen is not None:
+        names = reflector_names(scene)
+        if names:
+            layout.template_list("VIR_UL_reflectors", "", scene, "objects", scene.vir, "active_reflector_index", rows=3)
+        if (runs_and_how := state.reflectors.get(scene.vir.active_reflector)) is not None:
+            _draw_text(layout.box(), context, f"{scene.vir.active_reflector}: {runs_and_how[1]}", "CHECKMARK" if runs_and_how[0] else "X")
+        if chosen is not None and chosen.name not in names and chosen.type in SURFACE_TYPES:
             layout.prop(chosen.vir, "reflector", text=chosen.name, translate=False)
-        for name, (runs, how) in state.reflectors.items():
-            _draw_text(layout, context, f"{name}: {how}", "CHECKMARK" if runs else "X")
+        for name, (runs, how) in state.reflectors.items():  # those of instanced collections, and many small ones together, have no row
+            if name not in names:
+                _draw_text(layout, context, f"{name}: {how}", "CHECKMARK" if runs else "X")
         if not state.reflectors:
-            _draw_text(layout, context, "Nothing reflects" if state.plans else "Not planned yet", "NONE")
+            layout.label(text="Nothing reflects" if state.plans else "Not planned yet")
         layout.use_property_split, layout.use_property_decorate = True, False
         layout.prop(scene.vir, "bounces")
         layout.prop(scene.vir, "reflection_method")
@@ -266,4 +302,4 @@ def _make_panels() -> list[type]:
 
 
 PANELS = _make_panels()
-CLASSES = (VIR_UL_lights, *PANELS)
+CLASSES = (VIR_UL_lights, VIR_UL_reflectors, *PANELS)

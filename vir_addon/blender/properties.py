@@ -104,6 +104,15 @@ def _set_active_light(group: VIR_SceneSettings, index: int) -> None:
     group.active_light = objects[index].name if 0 <= index < len(objects) else ""
 
 
+def _get_active_reflector(group: VIR_SceneSettings) -> int:
+    return group.id_data.objects.find(group.active_reflector)
+
+
+def _set_active_reflector(group: VIR_SceneSettings, index: int) -> None:
+    objects = group.id_data.objects
+    group.active_reflector = objects[index].name if 0 <= index < len(objects) else ""
+
+
 def _light_names(group: VIR_SceneSettings, _context: Any, typed: str) -> list[str]:
     return [item.name for item in group.id_data.objects if item.type == "LIGHT" and typed.casefold() in item.name.casefold()]
 
@@ -298,6 +307,17 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
         options={"HIDDEN"},
         get=_get_active_light,
         set=_set_active_light,
+    )
+
+    active_reflector: bpy.props.StringProperty(
+        name="Active Reflector", description="The reflector whose details are shown: the name of its object", options={"HIDDEN"}
+    )
+    active_reflector_index: bpy.props.IntProperty(
+        name="Active Reflector",
+        description="Row of the list of reflectors: the index of its object in the scene",
+        options={"HIDDEN"},
+        get=_get_active_reflector,
+        set=_set_active_reflector,
     )
 
     use_preview: bpy.props.BoolProperty(
