@@ -42,6 +42,11 @@ _GERMAN = {
     "Look-up": "Nachschlagen",
     "March": "Schrittweise",
     "Direction": "Richtung",
+    "Cubes": "Würfel",
+    "Multiview (mvr)": "Viele Ansichten (mvr)",
+    "Points (ivir)": "Punkte (ivir)",
+    "Eye-based Points (epr)": "Punkte vom Auge aus (epr)",
+    "Points per Pixel": "Punkte je Pixel",
     "Map Memory": "Speicher für Karten",
     "Preview": "Vorschau",
     "Display": "Anzeige",
@@ -162,6 +167,18 @@ _GERMAN = {
     "As if all were infinitely far away, as published: things slide. To compare with": (
         "Als wäre alles unendlich weit weg, wie veröffentlicht: Dinge verrutschen. Zum Vergleich"
     ),
+    "How cubes of what reflectors show are made": "Wie die Würfel entstehen mit dem, was Spiegel zeigen",
+    "Whichever is quicker in the scene": "Was in der Szene schneller ist",
+    "The rasterizer draws the scene for every face of every reflector's cube": (
+        "Der Rasterisierer zeichnet die Szene für jede Seite des Würfels jedes Spiegels"
+    ),
+    "One cloud of points for all cubes, as dense as the nearest of them needs": (
+        "Eine Punktwolke für alle Würfel, so dicht, wie der nächste von ihnen sie braucht"
+    ),
+    "One cloud of splats for all cubes, no denser than the picture shows": (
+        "Eine Wolke von Flecken für alle Würfel, nicht dichter, als das Bild zeigt"
+    ),
+    "Of eye-based points: fewer of them are larger splats": "Bei Punkten vom Auge aus: weniger sind größere Flecken",
     "MiB for the maps of all reflectors. Where they would take more they get smaller": (
         "MiB für die Karten aller Spiegel. Wo sie mehr bräuchten, werden sie kleiner"
     ),
