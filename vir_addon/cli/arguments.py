@@ -187,6 +187,13 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"rays of every pixel that shows a reflector; default {defaults.reflection_sample_count}",
     )
     parser.add_argument(
+        "--reflection-map-mib",
+        type=int,
+        default=defaults.reflection_map_mib,
+        metavar="MIB",
+        help=f"memory for the maps of all reflectors, which get smaller where it is too little; default {defaults.reflection_map_mib}",
+    )
+    parser.add_argument(
         "--reflection-method",
         type=partial(_parse_choice, ReflectionMethod),
         default=defaults.reflection_method,
@@ -221,6 +228,7 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         effects=arguments.effects,
         bounces=arguments.bounces,
         reflection_sample_count=arguments.reflection_samples,
+        reflection_map_mib=arguments.reflection_map_mib,
         reflection_method=arguments.reflection_method,
         reflection_look_up=arguments.reflection_look_up,
         method=method,

@@ -7,21 +7,22 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..device.interface import Device
+from ..device.interface import LINEAR_TEXTURE_WIDTH, Device
 from . import cost
 from .bounds import SceneBounds, compute_bounds
 from .errors import SceneError, UsageError
 from .fit import choose_faces
 from .pass_set import unique_pass_names
+from .passes.reflection_maps import BYTES_PER_TEXEL
 from .passes.shadow_maps import MAX_BATCH_VIEWS
 from .reach import light_casters, lit_places, may_shadow
+from .reflection_rounds import ReflectionRounds, plan_rounds
 from .reflectors import PlannedReflections, choose_reflectors
 from .scene import Camera, Light, LightShape, SceneSnapshot
 from .settings import Effect, Hardware, Method, PointGeneration, PointStorage, Settings
 from .views import light_axes
 
-REFLECTION_SAMPLES_PER_BATCH = 2
-"""each keeps a G-buffer for every bounce"""
+SHARED_MAPS_NOTE = "shadows differ a little from those made without reflections: lights' maps reach over what reflectors show as well"
 MIN_EYE_SAMPLES = 8
 MAX_EYE_SAMPLES = 16
 """Anti-aliasing gains little from more: with 16 samples of the filter an edge pixel is off by about a fiftieth."""
@@ -125,11 +126,16 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     needs_rounds = reflections is not None and reflections.runs
     most_views = max((planned.view_count for planned in running), default=int(needs_rounds))
     batch_count = _batch_count(most_views, settings.map_resolution_px, settings.batch_view_count) if most_views else 1
-    if needs_rounds:
-        batch_count = max(batch_count, math.ceil(settings.reflection_sample_count / REFLECTION_SAMPLES_PER_BATCH))
+    notes = list(snapshot.notes)
+    rounds: ReflectionRounds | None = None
+    if reflections is not None and reflections.runs:
+        rounds = plan_rounds(snapshot, settings, reflections.bounces, batch_count, [planned.view_count for planned in running])
+        reflections, batch_count = replace(reflections, bounces=rounds.bounces), rounds.batch_count
+        notes += [rounds.note] if rounds.note else []
+        notes += [SHARED_MAPS_NOTE] if any(planned.runs for planned in passes) else []
     eye_samples_per_batch = _eye_samples_per_batch(most_views, batch_count)
-    if needs_rounds:
-        eye_samples_per_batch = max(eye_samples_per_batch, math.ceil(settings.reflection_sample_count / batch_count))
+    if rounds is not None:
+        eye_samples_per_batch = max(eye_samples_per_batch, rounds.rounds_per_batch)
     most_eye_samples = max(MAX_EYE_SAMPLES, settings.reflection_sample_count * needs_rounds)
     eye_sample_count = min(batch_count * eye_samples_per_batch, most_eye_samples)
     predicted = {planned.light_name: planned.predicted_ms for planned in running}
@@ -142,7 +148,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
         batch_count=batch_count,
         eye_samples_per_batch=eye_samples_per_batch,
         eye_sample_count=eye_sample_count,
-        notes=snapshot.notes,
+        notes=tuple(notes),
         predicted_ms=sum(predicted.values()) + eye_ms + reflections_ms,
         reflections=reflections,
         reflected_lights=reflected_lights,
@@ -194,6 +200,12 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
         raise UsageError(
             f"points by the rasterizer need geometry shaders that store, and the device {device.name} has none: "
             "choose the device moderngl, or the point generation compute"
+        )
+    largest_mib = LINEAR_TEXTURE_WIDTH * device.max_texture_size_px * BYTES_PER_TEXEL >> 20
+    if render_plan.reflections is not None and render_plan.settings.reflection_map_mib > largest_mib:
+        raise UsageError(
+            f"the device's largest texture holds {largest_mib} MiB of reflectors' maps: choose {largest_mib} or less, "
+            f"not {render_plan.settings.reflection_map_mib}"
         )
     most_views = max((planned.view_count for planned in running), default=0)
     resolution_px, limit_px = render_plan.settings.map_resolution_px, device.max_texture_size_px

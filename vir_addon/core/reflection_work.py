@@ -6,6 +6,7 @@ import contextlib
 import math
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -36,15 +37,19 @@ from .passes.surface_data import SurfaceData
 from .passes.tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
 from .picture import Shown
 from .plan import RenderPlan
-from .reflectors import PlannedReflections, with_met
+from .reflectors import PlannedReflections, reflects, with_met
 from .sampling import shuffled_unit_square_points, stable_seed
 from .seen_places import SeenPlaces
 from .settings import ReflectionLookUp, ReflectionMethod
-from .steps import Steps
+from .steps import HostWork, Steps
 from .stopwatch import Stopwatch
 
 DRAWN = (Shown.REFLECTION, Shown.REFLECTION_COLOR, Shown.REFLECTED)
 """as numbered for SHOW_REFLECTIONS"""
+FITTED_BATCHES = 4
+"""that lights' maps are fitted to, where rough surfaces send rays elsewhere in each"""
+MAX_FITTED_HITS = 1 << 23
+"""places that are kept of them"""
 
 
 @dataclass(frozen=True)
@@ -285,6 +290,29 @@ class ReflectionWork:
         positions = self.device.read(hits.buffer.positions).copy()
         positions[~spread_to_pixels(self.tiles_shown, width, height)] = (0.0, 0.0, 0.0, -1.0)
         return positions, self.device.read(hits.buffer.normals)
+
+    def gathering_hits(
+        self, offsets: list[int], stopwatch: Stopwatch
+    ) -> Generator[HostWork | None, Any, tuple[list[np.ndarray], list[np.ndarray]]]:
+        """Positions and normals, as of `read_hits`, of all that the first batch's rays meet and, from rough surfaces, those of some other
+        batches. Leaves the first batch traced."""
+        batches = [0]
+        if any(reflects(each) and typical_value(each.roughness).max() > 0 for each in self.scene_data.snapshot.materials):
+            # the sequence is even: these are spread over the lobe
+            batches = [k * self.plan.batch_count // FITTED_BATCHES for k in range(min(FITTED_BATCHES, self.plan.batch_count))]
+        positions, normals = [], []
+        width, height = self.size
+        step = max(1, math.isqrt(width * height * len(batches) * len(self.hits) * self.planned.bounces // MAX_FITTED_HITS))
+        for batch in [*batches[1:], 0]:
+            if len(batches) > 1:
+                yield from self.tracing(offsets, batch, stopwatch)
+            for hits in self.all_hits:
+                with stopwatch.stage("read-back"):
+                    pair = self.read_hits(hits)
+                positions.append(pair[0][::step, ::step].copy())
+                normals.append(pair[1][::step, ::step].copy())
+                yield None
+        return positions, normals
 
     @property
     def all_hits(self) -> Iterator[Hits]:

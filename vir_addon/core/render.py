@@ -14,7 +14,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Generator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -187,7 +187,10 @@ class Renderer:
             positions = [first_positions, *(self.device.read(buffer.positions) for buffer in eye.buffers[1:])]
         snapshot, bounds = self.snapshot, self.plan.bounds
         seen = SeenPlaces(positions, reflecting_instances(snapshot), len(positions))
-        return choose_reflectors(snapshot, bounds, self.plan.settings, instances_in_picture(snapshot, bounds), seen)
+        found = choose_reflectors(snapshot, bounds, self.plan.settings, instances_in_picture(snapshot, bounds), seen)
+        assert self.plan.reflections is not None
+        # there may be no memory for more
+        return replace(found, bounces=min(found.bounces, self.plan.reflections.bounces))
 
     @property
     def needs_eye(self) -> bool:
@@ -273,14 +276,8 @@ class Renderer:
         yield None
         yield from reflections.preparing(self._current_offsets, self.stopwatch)
         has_passes = any(planned.runs for planned in self.plan.passes)
-        all_positions, all_normals = [positions] * has_passes, [normals] * has_passes
-        with self.stopwatch.stage("read-back"):
-            for hits in reflections.hits[0]:
-                hit_positions, hit_normals = reflections.read_hits(hits)
-                all_positions.append(hit_positions)
-                all_normals.append(hit_normals)
-        yield None
-        return np.concatenate(all_positions), np.concatenate(all_normals)
+        hit_positions, hit_normals = yield from reflections.gathering_hits(self._current_offsets, self.stopwatch)
+        return np.concatenate([*[positions] * has_passes, *hit_positions]), np.concatenate([*[normals] * has_passes, *hit_normals])
 
     def _billed_to(self, work: LightWork) -> contextlib.AbstractContextManager[None]:
         """What lights only reflections has no pass of its own."""

@@ -1,0 +1,94 @@
+"""In how many batches reflections are traced, within which memory, and what lights are fitted to."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tests.scenes import area_light, box, floor, matte, mirror, perspective_camera, prepared_renderer, rectangle, snapshot
+from vir_addon.core.errors import UsageError
+from vir_addon.core.light_work import LightWork
+from vir_addon.core.material import World
+from vir_addon.core.plan import check_device, plan
+from vir_addon.core.reflection_rounds import MAX_HITS_MIB, hits_mib, plan_rounds
+from vir_addon.core.settings import Effect, Settings
+
+BOTH = (Effect.SHADOW, Effect.REFLECTION)
+
+
+def mirrored_scene(width=64, height=36, roughness=0.0):
+    """A lit floor with a box on it before a mirror."""
+    wall = rectangle("wall", (-2, 2, -0.5), (4, 0, 0), (0, 0, 4))
+    meshes = [floor(4.0), box("box", (0.3, 0.5, 0.3), (0.3, 0.3, 0.3)), wall]
+    camera = perspective_camera((0.0, -3.0, 1.6), (0.0, 2.0, 0.9), width, height, 0.3)
+    light = area_light(eye=(0.0, -1.0, 3.0), target=(0, 0, 0))
+    return snapshot(meshes, [light], camera, width, height, materials=[matte(), matte(), mirror(roughness=roughness)], world=World())
+
+
+def test_more_rays_are_more_rounds_of_the_batches_that_shadows_have():
+    scene = mirrored_scene()
+    shadows = plan(scene, Settings(effects=(Effect.SHADOW,)))
+    both = plan(scene, Settings(effects=BOTH, reflection_sample_count=32))
+    assert both.batch_count == shadows.batch_count
+    assert both.eye_samples_per_batch * both.batch_count >= 32
+    assert any("shadows differ a little" in note for note in both.notes)
+    assert not any("shadows differ" in note for note in plan(scene, Settings(effects=(Effect.REFLECTION,))).notes)
+
+
+@pytest.mark.parametrize("view_count", [1, 3, 5, 12, 64])
+@pytest.mark.parametrize("sample_count", [1, 32, 100, 1024])
+def test_every_view_counts_as_often_as_others(view_count, sample_count):
+    scene = mirrored_scene()
+    work = LightWork.__new__(LightWork)
+    work.plan = plan(scene, Settings(effects=BOTH, view_count=view_count, reflection_sample_count=sample_count))
+    (work.planned,) = work.plan.passes
+    shown = np.bincount([view for batch in range(work.plan.batch_count) for view in work.batch_views(batch)], minlength=view_count)
+    most_rays = work.plan.batch_count * work.plan.eye_samples_per_batch
+    assert most_rays >= sample_count
+    assert len(set(shown.tolist())) == 1
+
+
+def test_what_rays_meet_keeps_to_its_memory_with_a_note():
+    small, large = mirrored_scene(1920, 1080), mirrored_scene(3840, 2160)
+    settings = Settings(effects=BOTH, bounces=8)
+    assert plan_rounds(small, settings, 2, 8, [64]) == (8, 4, 2, None)
+    found = plan_rounds(large, settings, 8, 8, [64])
+    assert found.bounces < 8 and f"bounce {found.bounces} times, not 8" in found.note
+    assert hits_mib(large, found.rounds_per_batch, found.bounces) <= MAX_HITS_MIB
+    planned = plan(large, settings)
+    assert planned.reflections.bounces == found.bounces and found.note in planned.notes
+
+
+def test_maps_that_no_texture_can_hold_are_refused(device):
+    planned = plan(mirrored_scene(), Settings(effects=BOTH, reflection_map_mib=1 << 16))
+    with pytest.raises(UsageError, match=r"choose \d+ or less"):
+        check_device(planned, device)
+    check_device(dataclasses.replace(planned, settings=dataclasses.replace(planned.settings, reflection_map_mib=256)), device)
+
+
+def test_lights_are_fitted_to_what_rough_reflectors_may_show_in_later_batches(device, monkeypatch):
+    fitted = []
+    original = LightWork.fitting
+
+    def fitting(self, positions, normals, stopwatch):
+        fitted.append(positions[positions[..., 3] >= 0][:, :3])
+        return original(self, positions, normals, stopwatch)
+
+    monkeypatch.setattr(LightWork, "fitting", fitting)
+    with prepared_renderer(mirrored_scene(32, 18, roughness=0.3), device, effects=(Effect.REFLECTION,), view_count=8) as renderer:
+        reflections, outside, count = renderer.reflections, 0, 0
+        low, high = fitted[0].min(axis=0), fitted[0].max(axis=0)
+        first = np.concatenate([reflections.read_hits(hits)[0] for hits in reflections.hits[0]])
+        first = first[first[..., 3] >= 0][:, :3]
+        assert len(fitted[0]) > 6 * len(first)
+        for batch in range(renderer.plan.batch_count):
+            for _ in reflections.tracing(renderer._current_offsets, batch, renderer.stopwatch):
+                pass
+            for hits in reflections.all_hits:
+                positions = reflections.read_hits(hits)[0]
+                places = positions[positions[..., 3] >= 0][:, :3]
+                outside += ((places < low) | (places > high)).any(axis=1).sum()
+                count += len(places)
+        assert outside < 0.01 * count

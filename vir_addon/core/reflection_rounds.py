@@ -1,0 +1,63 @@
+"""In how many batches reflections are traced, and how many bounces' hits there is memory for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from .scene import SceneSnapshot
+from .settings import Settings
+
+MAX_ROUNDS_PER_BATCH = 4
+"""Each keeps a G-buffer for every bounce until the batch's lights are through."""
+MAX_HITS_MIB = 4096
+"""for these and all else that has the picture's size"""
+_TEXEL_BYTES = 16
+_TEXTURES, _TEXTURES_PER_ROUND, _TEXTURES_PER_HIT = 6, 5, 5
+"""of the picture's size: rays and sums; of the eye and of what a round brings; of what a bounce meets"""
+
+
+class ReflectionRounds(NamedTuple):
+    batch_count: int
+    rounds_per_batch: int
+    """rays of every pixel in a batch"""
+    bounces: int
+    note: str | None
+    """of what there was no memory for"""
+
+
+def hits_mib(snapshot: SceneSnapshot, rounds_per_batch: int, bounces: int) -> float:
+    textures = _TEXTURES + rounds_per_batch * (_TEXTURES_PER_ROUND + bounces * _TEXTURES_PER_HIT)
+    return textures * snapshot.width_px * snapshot.height_px * _TEXEL_BYTES / (1 << 20)
+
+
+def plan_rounds(
+    snapshot: SceneSnapshot, settings: Settings, bounces: int, batch_count: int, view_counts: Iterable[int]
+) -> ReflectionRounds:
+    """More rays are more rounds of a batch first, so that lights' maps serve as many as there is memory for.
+
+    batch_count: what the lights call for; view_counts: of the lights
+    """
+    rounds, kept_bounces = min(math.ceil(settings.reflection_sample_count / batch_count), MAX_ROUNDS_PER_BATCH), bounces
+    while rounds > 1 and hits_mib(snapshot, rounds, bounces) > MAX_HITS_MIB:
+        rounds -= 1
+    while kept_bounces > 1 and hits_mib(snapshot, rounds, kept_bounces) > MAX_HITS_MIB:
+        kept_bounces -= 1
+    note = None
+    needed_mib = hits_mib(snapshot, rounds, kept_bounces)
+    if kept_bounces < bounces:
+        wanted_mib = hits_mib(snapshot, rounds, bounces)
+        note = f"reflections bounce {kept_bounces} times, not {bounces}: what rays meet would take {wanted_mib:.0f} MiB at this resolution"
+    elif needed_mib > MAX_HITS_MIB:
+        note = f"what rays of reflections meet takes {needed_mib:.0f} MiB at this resolution"
+    wanted = math.ceil(settings.reflection_sample_count / rounds)
+    return ReflectionRounds(_even_batch_count(max(wanted, batch_count), tuple(view_counts)), rounds, kept_bounces, note)
+
+
+def _even_batch_count(wanted: int, view_counts: tuple[int, ...]) -> int:
+    """So many batches or some more, if that lets every light show each of its views equally often."""
+    for count in range(wanted, 2 * wanted):
+        if all(views >= count or count % max(views, 1) == 0 for views in view_counts):
+            return count
+    return wanted
