@@ -98,8 +98,8 @@ RATES = {
         look_up=14.0,
         filter_tap=5.0,
         eye_pixel=60.0,
-        collect_triangle=250.0,
-        splat_triangle=25.0,
+        collect_triangle=100.0,
+        splat_triangle=20.0,
         splat_texel=60.0,
     ),
     # points replayed: 0.04 where they spread evenly, several times that where many fall into a texel

@@ -12,9 +12,8 @@ import numpy as np
 
 from ..device.interface import ComputeKernel, Device, Texture, TextureFormat
 from ..device.owned import Owned
-from .eye_pixels import nearest_pixel_m
 from .material_program import LUMINANCE, typical_value
-from .methods.reflected_points import Cube, ReflectedPoints
+from .methods.reflected_points import clouds
 from .pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, ReflectionStatistics
 from .passes.eye import EyePass, GBuffer
 from .passes.reflection_maps import ReflectionMaps
@@ -124,24 +123,11 @@ class ReflectionWork:
     def _drawing(self) -> Generator[None, None, None]:
         """Maps that have not been drawn; those that are splatted share a cloud."""
         yield from self.maps.drawing()
-        for method, cubes in self._splatted_cubes().items():
-            cloud = ReflectedPoints(self.maps, cubes, self.plan.bounds, self.plan.settings, method)
+        for cloud in clouds(self.maps, self.planned.reflectors, self.plan.bounds, self.plan.settings):
             yield from cloud.drawing()
             self.statistics.cloud_triangle_count += cloud.triangle_count
             self.statistics.point_count += cloud.point_count
         self.maps.end_drawing()
-
-    def _splatted_cubes(self) -> dict[ReflectionMethod, list[Cube]]:
-        """Method -> its cubes"""
-        numbers = {id(each): number for number, each in self.maps.pending.items() if each.method is not ReflectionMethod.MVR}
-        found: dict[ReflectionMethod, list[Cube]] = {}
-        for reflector in self.planned.reflectors:
-            corners_ws = self.plan.bounds.corners_ws[reflector.instances].reshape(-1, 3)
-            for drawn in reflector.maps:
-                if id(drawn) in numbers:
-                    eye_pixel_m = nearest_pixel_m(self.scene_data.eye_pixels, corners_ws, drawn.center_ws)
-                    found.setdefault(drawn.method, []).append(Cube(numbers[id(drawn)], drawn, eye_pixel_m))
-        return found
 
     def _use(self, planned: PlannedReflections, drawn_before: ReflectionMaps | None = None) -> None:
         """drawn_before: the first of the maps"""

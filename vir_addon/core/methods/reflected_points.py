@@ -10,7 +10,7 @@ smallest number of a triangle at that depth: the same in every run.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,7 @@ import numpy as np
 from ...device.interface import EMPTY_DEPTH_BITS, LINEAR_TEXTURE_WIDTH, Texture, TextureFormat
 from ...device.owned import Owned
 from ..bounds import SceneBounds, cullable_instances
+from ..eye_pixels import nearest_pixel_m
 from ..passes.reflected_points import (
     COLLECT_REFLECTED,
     COUNTER_COUNT,
@@ -33,6 +34,7 @@ from ..passes.reflected_points import (
 )
 from ..passes.reflection_maps import ReflectionMap, ReflectionMaps
 from ..passes.scene_data import WORK_GROUP_SIZE, WorkTable
+from ..reflectors import Reflector
 from ..settings import ReflectionMethod, Settings
 from .linear_store import LinearStore
 
@@ -74,6 +76,19 @@ class _Splatted:
     masks: Texture
 
 
+def clouds(maps: ReflectionMaps, reflectors: Iterable[Reflector], bounds: SceneBounds, settings: Settings) -> list[ReflectedPoints]:
+    """Of the cubes that have not been drawn and are not the rasterizer's, one for each method. reflectors: whose maps they are"""
+    numbers = {id(each): number for number, each in maps.pending.items() if each.method is not ReflectionMethod.MVR}
+    found: dict[ReflectionMethod, list[Cube]] = {}
+    for reflector in reflectors:
+        corners_ws = bounds.corners_ws[reflector.instances].reshape(-1, 3)
+        for drawn in reflector.maps:
+            if id(drawn) in numbers:
+                eye_pixel_m = nearest_pixel_m(maps.scene_data.eye_pixels, corners_ws, drawn.center_ws)
+                found.setdefault(drawn.method, []).append(Cube(numbers[id(drawn)], drawn, eye_pixel_m))
+    return [ReflectedPoints(maps, cubes, bounds, settings, method) for method, cubes in found.items()]
+
+
 class ReflectedPoints:
     def __init__(self, maps: ReflectionMaps, cubes: list[Cube], bounds: SceneBounds, settings: Settings, method: ReflectionMethod) -> None:
         self.maps, self.cubes, self.bounds, self.settings = maps, cubes, bounds, settings
@@ -85,6 +100,8 @@ class ReflectedPoints:
         self.triangle_count = 0
         """triangles in the cloud"""
         self.point_count = 0
+        self.most_bytes = 0
+        """held at a time"""
         self._counts = (0, 0)
         self._held: _Portion | None = None
 
@@ -193,6 +210,8 @@ class ReflectedPoints:
             self.device.fill(depths, EMPTY_DEPTH_BITS)
             self.device.fill(numbers, NOT_COVERED)
             batch = _Splatted(cubes, first_texels[:-1], depths, numbers, masks)
+            lists = [depths, numbers, *self._came_first, *(store.texture for store in (self.triangles, self.points, self.tiles))]
+            self.most_bytes = max(self.most_bytes, sum(each.byte_count for each in lists))
             for is_numbering in (False, True):
                 for portion in portions:
                     self._splat(batch, portion, is_numbering, len(portions) == 1)
