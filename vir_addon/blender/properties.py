@@ -290,6 +290,11 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
         items=_items(_LOOK_UPS),
         default=_DEFAULTS.reflection_look_up.value.upper(),
     )
+    per_reflector: bpy.props.BoolProperty(
+        name="Passes per Reflector",
+        description="A pair of reflection passes of each reflecting object besides",
+        default=_DEFAULTS.per_reflector,
+    )
     reflection_map_mib: bpy.props.IntProperty(
         name="Map Memory",
         description="MiB for the maps of all reflectors. Where they would take more they get smaller",
@@ -477,6 +482,7 @@ def settings_of(scene: bpy.types.Scene) -> Settings:
         reflection_method=ReflectionMethod(group.reflection_method.lower()),
         points_per_eye_pixel=group.points_per_eye_pixel,
         reflection_look_up=ReflectionLookUp(group.reflection_look_up.lower()),
+        per_reflector=group.per_reflector,
         reflection_map_mib=group.reflection_map_mib,
     )
 

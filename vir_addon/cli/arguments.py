@@ -186,6 +186,7 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help=f"rays of every pixel that shows a reflector; default {defaults.reflection_sample_count}",
     )
+    parser.add_argument("--per-reflector", action="store_true", help="a pair of reflection passes of each reflecting object besides")
     parser.add_argument(
         "--reflection-map-mib",
         type=int,
@@ -228,6 +229,7 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         effects=arguments.effects,
         bounces=arguments.bounces,
         reflection_sample_count=arguments.reflection_samples,
+        per_reflector=arguments.per_reflector,
         reflection_map_mib=arguments.reflection_map_mib,
         reflection_method=arguments.reflection_method,
         reflection_look_up=arguments.reflection_look_up,

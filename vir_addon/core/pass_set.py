@@ -57,6 +57,21 @@ def unique_pass_names(light_names: Iterable[str]) -> dict[str, str]:
     return {name: pass_names[name] for name in names}
 
 
+def reflector_pass_names(object_names: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """Object name -> names of its reflection pass and of that one's colour, all different, none longer than PASS_NAME_BYTES_MAX, whatever
+    the order of the objects."""
+    taken = {REFLECTION_PASS_NAME, REFLECTION_COLOR_PASS_NAME}
+    names = {}
+    for object_name in sorted(set(object_names)):
+        bases = [f"{name} {object_name.replace('.', '_')}" for name in (REFLECTION_PASS_NAME, REFLECTION_COLOR_PASS_NAME)]
+        pair, number = tuple(map(_clip, bases)), 2
+        while taken.intersection(pair):
+            pair, number = tuple(_clip(base, f"_{number}") for base in bases), number + 1
+        taken.update(pair)
+        names[object_name] = pair[0], pair[1]
+    return names
+
+
 def layer_pass_names(pass_names: Iterable[str], layer_name: str | None) -> dict[str, str]:
     """Pass name -> its name where passes of several view layers stand side by side: "VIR Shadow Key (Foreground)", within
     PASS_NAME_BYTES_MAX. `layer_name` None: unchanged, for the first layer, so that a second one changes no names."""

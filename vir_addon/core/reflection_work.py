@@ -36,6 +36,7 @@ from .passes.surface_data import SurfaceData
 from .passes.tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
 from .picture import Shown
 from .plan import RenderPlan
+from .reflector_passes import ReflectorPasses
 from .reflectors import PlannedReflections, reflects, with_met
 from .sampling import shuffled_unit_square_points, stable_seed
 from .seen_places import SeenPlaces
@@ -73,6 +74,8 @@ class ReflectionWork:
         parts = range(plan.eye_samples_per_batch)
         self.round_count = 0
         self._is_counted = False
+        self.of_reflectors: ReflectorPasses | None = None
+        """where asked for, from the first round on"""
         self.tiles_shown = np.zeros(grid_shape(width, height), bool)
         """(rows, columns) of the picture that show a reflector"""
         round_count = plan.batch_count * len(parts)
@@ -321,9 +324,19 @@ class ReflectionWork:
     def end_batch(self, stopwatch: Stopwatch) -> None:
         """All lights are in: add the batch's rounds to the passes."""
         with stopwatch.stage("reflect"):
-            for radiances, colors in zip(self.radiances, self.colors, strict=True):
+            for part, (radiances, colors) in enumerate(zip(self.radiances, self.colors, strict=True)):
                 self.round_count += 1
                 self._walk(self.device.compute_kernel(ADD_REFLECTIONS), radiances=radiances, colors=colors, **self.sums)
+                if self.plan.settings.per_reflector:
+                    self._add_to_reflectors(part)
+
+    def _add_to_reflectors(self, part: int) -> None:
+        if self.of_reflectors is None:
+            snapshot = self.scene_data.snapshot
+            self.of_reflectors = ReflectorPasses(snapshot, self.planned.instance_maps(len(snapshot.instances))[:, 0] >= 0)
+        instances = self.device.read(self.eye.buffers[part].positions)[..., 3]
+        radiances, colors = (self.device.read(textures[part]) for textures in (self.radiances, self.colors))
+        self.of_reflectors.add(radiances, colors, instances, spread_to_pixels(self.tiles_shown, *self.size))
 
     def draw(self, picture: Texture, shown: Shown) -> None:
         """Into a texture of the picture's size."""
@@ -354,7 +367,8 @@ class ReflectionWork:
         """Pass name -> (height, width, 3) float32"""
         radiance, color = (self.device.read(self.sums[name])[..., :3] for name in ("radiance_sums", "color_sums"))
         reflection = np.divide(radiance, color, out=np.zeros_like(radiance), where=color > 0)
-        return {REFLECTION_PASS_NAME: reflection, REFLECTION_COLOR_PASS_NAME: color / max(self.round_count, 1)}
+        of_reflectors = {} if self.of_reflectors is None else self.of_reflectors.read(self.round_count)
+        return {REFLECTION_PASS_NAME: reflection, REFLECTION_COLOR_PASS_NAME: color / max(self.round_count, 1), **of_reflectors}
 
     def release(self) -> None:
         self.tiles.release()

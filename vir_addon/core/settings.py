@@ -152,6 +152,8 @@ class Settings:
     """rays of every pixel that shows a reflector, each at another place in the pixel and, on rough surfaces, in another direction"""
     points_per_eye_pixel: float = 0.5
     """rho_scale of epr's cubes, for which the paper found a half best: fewer samples are larger splats"""
+    per_reflector: bool = False
+    """a pair of reflection passes of each reflecting object besides"""
     reflection_map_mib: int = 256
     """memory for the maps of all reflectors; where they would take more they get smaller"""
     hardware: Hardware = Hardware.SOFTWARE
