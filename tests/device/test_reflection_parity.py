@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
 import pytest
 
-from tests.scenes import bumpy_sphere, floor, matte, mirror, perspective_camera, point_light, render_passes, snapshot
+from tests.scenes import box, bumpy_sphere, floor, matte, mirror, perspective_camera, point_light, render_batches, render_passes, snapshot
 from vir_addon.core.material import World
+from vir_addon.core.material_program import LUMINANCE
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
-from vir_addon.core.settings import Effect, ReflectionMethod
+from vir_addon.core.plan import plan
+from vir_addon.core.render import Renderer
+from vir_addon.core.settings import Effect, ReflectionMethod, Settings
 
 
 @pytest.mark.parametrize("method", [ReflectionMethod.MVR, ReflectionMethod.IVIR, ReflectionMethod.EPR])
@@ -28,3 +33,23 @@ def test_reflections_are_the_same_on_both_devices(both, method):
         differs = np.abs(images[0][name] - images[1][name]).max(axis=-1) > 1e-3 * images[0][name].max()
         # an edge that a ray meets, or passes by, in the last place of float32
         assert differs.mean() < 0.005
+
+
+def test_the_error_estimate_is_that_of_the_sums(device):
+    """Both against the sums as NumPy adds them up; pictures are not whole tiles wide."""
+    ball = bumpy_sphere("ball", (0, 0, 0.8), 0.7, 16, bump_share=0.0)
+    camera = perspective_camera((0.5, -3.0, 1.6), (0, 0, 0.7), 37, 21, 0.6)
+    meshes = [floor(4.0), ball, box("box", (0.3, -1.4, 0.3), (0.3, 0.3, 0.3))]
+    materials = [matte((0.1, 0.1, 0.1)), mirror(), matte((0.9, 0.9, 0.9))]
+    scene = snapshot(meshes, [point_light()], camera, 37, 21, materials=materials, world=World((1.0, 1.0, 1.0)))
+    settings = Settings(effects=(Effect.REFLECTION,), reflection_sample_count=6, bounces=1, view_count=1)
+    with contextlib.closing(Renderer(scene, plan(scene, settings), device)) as renderer:
+        device.run(renderer.prepare)
+        render_batches(renderer)
+        work = renderer.reflections
+        radiance, color = (device.read(work.sums[name]).astype(np.float64) for name in ("radiance_sums", "color_sums"))
+        rounds = work.round_count
+        mean = radiance[..., :3] @ LUMINANCE / rounds
+        variance = np.maximum(radiance[..., 3] / rounds - mean**2, 0)[color[..., 3] > 0] / (rounds - 1)
+        assert rounds >= 6
+        assert work.compute_error() == pytest.approx(np.sqrt(variance.mean()), rel=1e-3) and variance.mean() > 0

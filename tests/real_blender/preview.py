@@ -70,6 +70,68 @@ def viewport_pixels(name: str) -> np.ndarray:
     return pixels.reshape(height, width, 4)[region.y : region.y + region.height, region.x : region.x + region.width]
 
 
+def linear(encoded: np.ndarray) -> np.ndarray:
+    """Light of a display's values."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def check_that_light_is_multiplied() -> None:
+    """What is laid over is a factor of light, in Solid mode, whose display values are light."""
+    preview = shown()[0].preview
+    sums = preview.render.device.read(preview.picture.shadows)
+    ratio = np.where(sums[..., 1] > 0, sums[..., 0] / np.maximum(sums[..., 1], 1e-9), 1 - sums[..., 2])
+    before, after = (linear(viewport_pixels(name)[..., :3].mean(axis=-1)) for name in ("1_off", "2_on"))
+    size = preview.level.pixel_size
+    ratio = np.repeat(np.repeat(ratio, size, axis=0), size, axis=1)[: before.shape[0], : before.shape[1]]
+    # away from edges, where a coarse picture is interpolated, and from what lies over the picture
+    reach = 2 * size
+    around = [np.roll(ratio, (dy, dx), (0, 1)) for dy in (-reach, reach) for dx in (-reach, reach)]
+    chosen = (np.ptp([ratio, *around], axis=0) < 0.05) & (ratio < 0.8) & (before > 0.02)
+    error = np.abs(after - before * ratio)[chosen]
+    print(f"multiplied: {chosen.sum()} pixels, median error {np.median(error):.4f} of {np.median(before[chosen]):.3f}", flush=True)
+    assert chosen.sum() > 1000 and np.median(error) < 0.01
+
+
+def show_reflections() -> Steps:
+    """A mirror ball beside the cube: what it shows over the viewport, pass by pass, while a light moves."""
+    scene = bpy.context.scene
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=64, ring_count=32, radius=1.0, location=(-2.4, -0.6, 0.0))
+    ball = bpy.context.object
+    bpy.ops.object.shade_smooth()
+    material = bpy.data.materials.new("Mirror")
+    shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    shader.inputs["Metallic"].default_value, shader.inputs["Roughness"].default_value = 1.0, 0.05
+    ball.data.materials.append(material)
+    for name, color in (("Cube", (0.8, 0.1, 0.05, 1.0)), ("Plane", (0.3, 0.5, 0.2, 1.0))):
+        paint = bpy.data.materials.new(name)
+        next(node for node in paint.node_tree.nodes if node.type == "BSDF_PRINCIPLED").inputs["Base Color"].default_value = color
+        materials = bpy.data.objects[name].data.materials
+        materials.clear()
+        materials.append(paint)
+    bpy.ops.object.select_all(action="DESELECT")
+    scene.view_settings.view_transform = "Standard"
+    view()["space_data"].shading.color_type = "MATERIAL"
+    bpy.data.objects["Key"].data.energy = 400.0
+    scene.vir.use_reflections = True
+    pictures = {}
+    for shown_pass in ("ALL", "SHADOW", "REFLECTION", "REFLECTION_COLOR", "REFLECTED"):
+        scene.vir.preview_pass = shown_pass
+        scene.vir.preview_display = "MULTIPLY" if shown_pass == "ALL" else "PASS"
+        yield from finish(f"pass {shown_pass}")
+        yield from screenshot(f"8_{shown_pass.lower()}")
+        pictures[shown_pass] = viewport_pixels(f"8_{shown_pass.lower()}")
+    assert all(np.abs(pictures["REFLECTED"] - other).max() > 0.1 for name, other in pictures.items() if name != "REFLECTED")
+    scene.vir.preview_pass, scene.vir.preview_display = "ALL", "MULTIPLY"
+    yield from finish("all again")
+    bpy.data.objects["Key"].location.x = 4.0
+    yield from finish("light moved, with reflections")
+    scene.vir.use_reflections = False
+    scene.vir.preview_pass = "REFLECTION"
+    yield from wait_until(lambda: any("switched off" in one.problem for one in shown()), "switched off")
+    scene.vir.preview_pass = "ALL"
+    yield from finish("without reflections")
+
+
 def steps() -> Steps:
     # with it, pixels change for as long as nothing does
     bpy.context.preferences.system.viewport_aa = "OFF"
@@ -84,6 +146,7 @@ def steps() -> Steps:
     yield from finish("on")
     yield from screenshot("2_on")
     assert np.abs(viewport_pixels("2_on") - viewport_pixels("1_off")).max() > 0.1
+    check_that_light_is_multiplied()
 
     with bpy.context.temp_override(**viewport):
         bpy.ops.vir.preview()
@@ -99,6 +162,7 @@ def steps() -> Steps:
     yield from screenshot("4_difference")
 
     scene.vir.preview_display = "MULTIPLY"
+    yield from show_reflections()
     for key in ("NUMPAD_0", "NUMPAD_6"):  # out of the camera; to the right
         before = shown()[0].view
         yield from press(key)

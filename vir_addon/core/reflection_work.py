@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
@@ -12,9 +11,10 @@ import numpy as np
 
 from ..device.interface import ComputeKernel, Device, Texture, TextureFormat
 from ..device.owned import Owned
-from .material_program import LUMINANCE, typical_value
+from .material_program import typical_value
 from .methods.reflected_points import clouds
 from .pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, ReflectionStatistics
+from .passes.accumulate import ERROR_TILE_PX
 from .passes.eye import EyePass, GBuffer
 from .passes.reflection_maps import ReflectionMaps
 from .passes.reflections import (
@@ -29,6 +29,7 @@ from .passes.reflections import (
     REFLECTED_NOTHING,
     REFLECTED_OUT_OF_VIEW,
     REFLECTED_SURFACE,
+    REFLECTION_ERROR,
     SHOW_REFLECTIONS,
 )
 from .passes.scene_data import SceneData
@@ -116,12 +117,7 @@ class ReflectionWork:
         self._lit_tiles: dict[int, Tiles] = {}
 
     def drawing_maps(self, stopwatch: Stopwatch) -> Steps:
-        with contextlib.closing(self._drawing()) as steps:
-            is_drawing = True
-            while is_drawing:
-                with stopwatch.stage("reflection maps"):
-                    is_drawing = next(steps, True) is None
-                yield None
+        return stopwatch.stages("reflection maps", self._drawing())
 
     def _drawing(self) -> Generator[None, None, None]:
         """Maps that have not been drawn; those that are splatted share a cloud."""
@@ -185,16 +181,15 @@ class ReflectionWork:
         return self._lit_tiles[turn]
 
     def tracing(self, offsets: list[int], batch: int, stopwatch: Stopwatch) -> Steps:
-        """Rays of a batch's eye samples, bounce by bounce. offsets: numbers of their sub-pixel offsets"""
+        """Rays of a batch's eye samples, kernel by kernel: some take a second to compile. offsets: numbers of their sub-pixel offsets"""
         for part, offset in enumerate(offsets):
             seen = {**self.eye.buffers[part]._asdict(), "surfaces": self.eye.triangles[part]}
             for bounce, hits in enumerate(self.hits[part]):
-                with stopwatch.stage("reflect"):
-                    self._trace(seen, hits, bounce, offset, batch * len(offsets) + part)
+                round_number = batch * len(offsets) + part
+                yield from stopwatch.stages("reflect", self._tracing(seen, hits, bounce, offset, round_number))
                 seen = {**hits.buffer._asdict(), "surfaces": self.surfaces}
-                yield None
 
-    def _trace(self, seen: dict[str, Texture], hits: Hits, bounce: int, offset: int, round_number: int) -> None:
+    def _tracing(self, seen: dict[str, Texture], hits: Hits, bounce: int, offset: int, round_number: int) -> Generator[None, None, None]:
         """seen: the surfaces that reflect"""
         flags = ["BY_DIRECTION"] * (self.plan.settings.reflection_look_up is ReflectionLookUp.DIRECTION)
         part = hits.part
@@ -213,6 +208,7 @@ class ReflectionWork:
             sample_y=facet[1],
             eye=self.eye.eye_table(offset),
         )
+        yield
         seen = {**hits.buffer._asdict(), "surfaces": self.surfaces}
         self._walk(
             self.device.compute_kernel(MARCH_REFLECTIONS, *flags),
@@ -224,6 +220,7 @@ class ReflectionWork:
             ray_directions=self.rays["ray_directions"],
             throughputs=self.rays["throughputs"],
         )
+        yield
         self._walk(
             self.device.compute_kernel(HIT_MATERIALS),
             **self.scene_data.bindings,
@@ -240,6 +237,7 @@ class ReflectionWork:
         if not self._is_counted:
             self._count_found()
         if self.has_surroundings:
+            yield
             self._walk(
                 self.device.compute_kernel(LIGHT_BY_SURROUNDINGS, *flags),
                 **self.scene_data.bindings,
@@ -356,12 +354,14 @@ class ReflectionWork:
         before there are two rounds."""
         if self.round_count < 2:
             return math.inf
-        radiance = self.device.read(self.sums["radiance_sums"]).astype(np.float64)
-        shown = self.device.read(self.sums["color_sums"])[..., 3] > 0
-        count = self.round_count
-        mean = radiance[..., :3] @ LUMINANCE / count
-        variance = np.maximum(radiance[..., 3] / count - mean**2, 0) / (count - 1)
-        return math.sqrt(variance[shown].mean()) if shown.any() else 0.0
+        width, height = self.size
+        tiles = (-(-width // ERROR_TILE_PX), -(-height // ERROR_TILE_PX))
+        with Owned() as temporary:
+            tile_sums = temporary.own(self.device.create_texture(*tiles, TextureFormat.RGBA32F))
+            kernel = self.device.compute_kernel(REFLECTION_ERROR)
+            kernel.dispatch_grid(tiles, **self.sums, tile_sums=tile_sums, width=width, height=height, round_count=self.round_count)
+            squared, count = self.device.read(tile_sums)[..., :2].astype(np.float64).sum(axis=(0, 1))
+        return math.sqrt(squared / count) if count else 0.0
 
     def read(self) -> dict[str, np.ndarray]:
         """Pass name -> (height, width, 3) float32"""

@@ -6,8 +6,8 @@ Stages are also what a front end shows while it waits, and where work ends that 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING, Any
 
 from ..device.interface import Device
@@ -62,6 +62,15 @@ class Stopwatch:
             return result
 
         return call
+
+    def stages(self, name: str, parts: Generator[None, None, None]) -> Generator[None, None, None]:
+        """A stage with pauses: time counts between `parts`' own."""
+        with closing(parts):
+            is_going_on = True
+            while is_going_on:
+                with self.stage(name):
+                    is_going_on = next(parts, True) is None
+                yield None
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

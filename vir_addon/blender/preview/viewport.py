@@ -201,6 +201,7 @@ class ViewportPreview:
         taken = replace(taken, camera=scaled.camera(taken.world_origin_m), width_px=scaled.width_px, height_px=scaled.height_px)
         wanted = replace(
             settings_for(self.render.device, settings),
+            per_reflector=False,
             map_resolution_px=min(settings.map_resolution_px, self.level.map_resolution_px),
             batch_view_count=min(settings.batch_view_count, self.level.batch_view_count),
         )

@@ -227,3 +227,17 @@ SHOW_REFLECTIONS = ComputeDeclaration(
         "shown": Constant("int", "0: the reflection, 1: its colour, 2: both multiplied, which is light to add"),
     },
 )
+
+REFLECTION_ERROR = ComputeDeclaration(
+    name="reflection_error",
+    text="sums the squared standard error of what reflections add over tiles",
+    source="reflection_error.comp.glsl",
+    local_size=(8, 8, 1),
+    textures={
+        "radiance_sums": Sampled("sampler2D", "sums over rounds of radiance and of its squared luminance"),
+        "color_sums": Sampled("sampler2D", "sums over rounds of what it is multiplied by, and of rounds that show a reflector"),
+    },
+    images={"tile_sums": Stored("RGBA32F", "write", "sum of squared errors and number of pixels that show a reflector of every tile")},
+    constants={**SIZE_CONSTANTS, "round_count": Constant("int", "rounds in the sums")},
+    defines=LUMINANCE_DEFINES,
+)
