@@ -89,8 +89,8 @@ RATES = {
         raster_draw=30_000.0,
         cut_out_texel=20.0,
         gather_triangle=150.0,
-        small_triangle=13.0,
-        small_texel=32.0,
+        small_triangle=10.0,
+        small_texel=18.0,
         generate_triangle=300.0,
         generate_point=120.0,
         splat_point=14.0,
@@ -169,8 +169,8 @@ def filter_ms(snapshot: SceneSnapshot, settings: Settings, eye_sample_count: int
 
 
 def _small_shares(sizes: list[tuple[np.ndarray, np.ndarray]], mesh_index: np.ndarray, limit_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of each instance, (instance_count,): the share of its triangles, and of their area, with a perimeter of at most `limit_m`
-    (instance_count,) object space. Means alone would call a column large whose capital is most of its triangles."""
+    """Of each caster, (caster_count,): the share of its triangles, and of their area, with a perimeter of at most `limit_m`
+    (caster_count,) object space. Means alone would call a column large whose capital is most of its triangles."""
     count_share, area_share = np.zeros(len(mesh_index)), np.zeros(len(mesh_index))
     order = np.argsort(mesh_index, kind="stable")
     for own in np.split(order, np.flatnonzero(np.diff(mesh_index[order])) + 1) if len(order) else ():
@@ -182,9 +182,20 @@ def _small_shares(sizes: list[tuple[np.ndarray, np.ndarray]], mesh_index: np.nda
 
 
 @dataclass(frozen=True)
-class _InstanceEstimates:
-    """Arrays (instance_count,) of what may cast: flat meshes are left out, because floors and walls that everything visible stands before
-    cast nothing (core/reach.py)."""
+class LikelyFace:
+    """A face of a light that needs maps, as far as the plan can tell."""
+
+    caster_indices: np.ndarray
+    """(n,) int64 instances in it"""
+    texel_tangent: float
+    """the root of a texel's area over its depth; of suns, metres"""
+
+
+@dataclass(frozen=True)
+class _CasterEstimates:
+    """Arrays (caster_count,), each caster once for every face that has it."""
+
+    mesh_index: np.ndarray
 
     triangle_count: np.ndarray
     facing: np.ndarray
@@ -198,39 +209,37 @@ class _InstanceEstimates:
     small_area_share: np.ndarray
     """share of the triangles' area that is theirs"""
     cut_out_count: np.ndarray
-    """triangles with an opacity map, which are not in `triangle_count`; flat meshes too"""
+    """triangles with an opacity map, which are not in `triangle_count`"""
 
 
-def _estimate_instances(snapshot: SceneSnapshot, light: Light, settings: Settings, bounds: SceneBounds) -> _InstanceEstimates:
-    instances = snapshot.instances
-    mesh = instances.mesh_index
-    casts = instances.casts_shadow if light.blockers is None else light.blockers
+def _estimate_casters(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds, faces: Sequence[LikelyFace]) -> _CasterEstimates:
+    casters = np.concatenate([np.zeros(0, np.int64), *(face.caster_indices for face in faces)])
+    mesh = snapshot.instances.mesh_index[casters]
+    matrix = snapshot.instances.world_from_object[casters].astype(np.float64)
     sizes = [mesh.sampled_sizes for mesh in snapshot.meshes]
     statistics = np.array([[area.mean(), perimeter.mean()] for area, perimeter in sizes]).reshape(-1, 2)[mesh]
     is_cut_out = np.array([mesh.opacity_map is not None for mesh in snapshot.meshes], bool)[mesh]
-    all_counts = np.array([mesh.triangle_count for mesh in snapshot.meshes])[mesh] * casts
-    counts = all_counts * ((bounds.flat_axis[mesh] < 0) & ~is_cut_out)
-    scale = np.cbrt(np.abs(np.linalg.det(instances.world_from_object[:, :3, :3].astype(np.float64))))
-    centers = instances.world_from_object[:, :3, 3] - light.world_from_light[:3, 3]
-    distance = np.maximum(np.linalg.norm(centers, axis=1), 1e-3)
-    if light.shape is LightShape.SUN:
-        # where its object stands means nothing
-        distance[:] = max(np.ptp(bounds.corners_ws[casts].reshape(-1, 3), axis=0).max(initial=0), 1e-3) if casts.any() else 1.0
-    # windows are fitted: a map spans roughly what the objects span, about a radian
-    texel = distance / settings.map_resolution_px
+    all_counts = np.array([mesh.triangle_count for mesh in snapshot.meshes], np.int64)[mesh]
+    scale = np.cbrt(np.abs(np.linalg.det(matrix[:, :3, :3])))
+    # of a shade, whose middle is the lamp, or of a wall beside it, the surface is where its box ends
+    distance = np.linalg.norm(bounds.corners_ws[casters] - light.world_from_light[:3, 3], axis=-1).mean(axis=-1)
+    tangent = np.repeat([face.texel_tangent for face in faces], [len(face.caster_indices) for face in faces])
+    texel = tangent if light.shape is LightShape.SUN else np.maximum(distance, 1e-3) * tangent
     facing = np.where([mesh.is_closed for mesh in snapshot.meshes], 0.5, 1.0)[mesh]
     texel_area, texel_perimeter = statistics[:, 0] * (scale / texel) ** 2, statistics[:, 1] * scale / texel
     small_share, small_area_share = _small_shares(sizes, mesh, SMALL_PERIMETER_TEXELS * texel / np.maximum(scale, 1e-30))
-    return _InstanceEstimates(counts, facing, texel_area, texel_perimeter, small_share, small_area_share, all_counts * is_cut_out)
+    return _CasterEstimates(
+        mesh, all_counts * ~is_cut_out, facing, texel_area, texel_perimeter, small_share, small_area_share, all_counts * is_cut_out
+    )
 
 
-def _point_counts(estimates: _InstanceEstimates, settings: Settings) -> np.ndarray:
-    """(instance_count,) mean points of a triangle: it touches its area plus half its perimeter in lattice cells, and one more; of those far
+def _point_counts(estimates: _CasterEstimates, settings: Settings, texels: float) -> np.ndarray:
+    """(caster_count,) mean points of a triangle: it touches its area plus half its perimeter in lattice cells, and one more; of those far
     below a texel only some are kept."""
     points_per_texel = POINTS_PER_TEXEL if settings.watertight else 1.0
     area, perimeter = estimates.texel_area * points_per_texel, estimates.texel_perimeter * np.sqrt(points_per_texel)
     all_area = float((estimates.triangle_count * area).sum())
-    visible = min(1.0, MAX_LAYERS * POINTS_PER_TEXEL * settings.map_resolution_px**2 / max(all_area, 1.0))
+    visible = min(1.0, MAX_LAYERS * POINTS_PER_TEXEL * texels / max(all_area, 1.0))
     kept = np.minimum(estimates.texel_area / settings.culling_area_texels, 1) if settings.stochastic_culling else 1.0
     return kept * (1 + perimeter / 4 + area * visible)
 
@@ -241,19 +250,18 @@ def estimate_methods(
     view_count: int,
     settings: Settings,
     bounds: SceneBounds,
-    face_count: int = 1,
+    faces: Sequence[LikelyFace],
     batch_count: int = 1,
 ) -> dict[Method, float]:
     """Milliseconds of making all depth maps with each method.
 
-    face_count: maps a view; they share out what casts, and each has its own texels to clear and its own walk over the triangles.
     batch_count: times that the views are taken in turn; what does not fit into its memory is made again for each.
     """
     rates = RATES[settings.hardware]
-    estimates = _estimate_instances(snapshot, light, settings, bounds)
+    estimates = _estimate_casters(snapshot, light, bounds, faces)
     triangles = float(estimates.triangle_count.sum())
-    texels = face_count * float(settings.map_resolution_px) ** 2
-    draws = _draw_count(snapshot, estimates.triangle_count > 0)
+    texels = len(faces) * float(settings.map_resolution_px) ** 2
+    draws = _draw_count(estimates.mesh_index[estimates.triangle_count > 0])
     covered = min(float((estimates.triangle_count * estimates.facing * estimates.texel_area).sum()), MAX_LAYERS * texels)
     raster_ns = view_count * (triangles * rates.raster_triangle + draws * rates.raster_draw + texels * rates.raster_texel)
 
@@ -261,29 +269,29 @@ def estimate_methods(
     small = float((facing * estimates.small_share).sum())
 
     def rasterized_ns(counts: np.ndarray) -> float:
-        """A view of the (instance_count,) triangles that micro and hybrid leave to the rasterizer."""
+        """A view of the (caster_count,) triangles that micro and hybrid leave to the rasterizer."""
         drawn = counts >= 1
         if not drawn.any():
             return 0.0
-        draws_ns = max(face_count, NEW_DRAW_SHARE * int(drawn.sum())) * rates.raster_draw
+        draws_ns = max(len(faces), NEW_DRAW_SHARE * int(drawn.sum())) * rates.raster_draw
         return float(counts.sum()) * rates.raster_triangle + draws_ns + texels * rates.raster_texel
 
     budget_bytes = settings.replay_buffer_mib << 20
     gatherings = 1 if small * MICRO_BYTES_PER_TRIANGLE <= budget_bytes else batch_count
-    micro_ns = gatherings * face_count * triangles * rates.gather_triangle + view_count * (
+    micro_ns = gatherings * triangles * rates.gather_triangle + view_count * (
         small * rates.small_triangle
         + min(float((facing * estimates.texel_area * estimates.small_area_share).sum()), covered) * rates.small_texel
         + texels * rates.clear_texel
         + rasterized_ns(facing * (1 - estimates.small_share))
     )
 
-    point_counts = _point_counts(estimates, settings)
+    point_counts = _point_counts(estimates, settings, texels)
 
     def points_ns(becomes_points: np.ndarray, share: float = 1.0) -> float:
         points = share * float((facing * point_counts)[becomes_points].sum())
         is_kept = settings.points is PointStorage.BUFFERED and points * POINT_BYTES <= budget_bytes
         generations = 1 if is_kept else batch_count
-        walk_ns = generations * (face_count * triangles * rates.generate_triangle + points * rates.generate_point)
+        walk_ns = generations * (triangles * rates.generate_triangle + points * rates.generate_point)
         return walk_ns + view_count * (points * rates.splat_point + texels * rates.clear_texel)
 
     few_points = point_counts <= settings.small_triangle_points
@@ -291,7 +299,7 @@ def estimate_methods(
     everything = np.ones_like(few_points)
     # splats cover texels as micro's triangles do, and what is large is cut into few
     walks = 1 if settings.points is PointStorage.BUFFERED else batch_count
-    epr_ns = walks * face_count * triangles * rates.generate_triangle + view_count * (
+    epr_ns = walks * triangles * rates.generate_triangle + view_count * (
         float(facing.sum()) * rates.small_triangle + covered * rates.small_texel + texels * rates.clear_texel
     )
     nanoseconds = {
@@ -304,19 +312,19 @@ def estimate_methods(
         Method.EPR: epr_ns,
         Method.PCSS: raster_ns,
     }
-    cut_out_ns = view_count * _cut_out_ns_a_view(snapshot, estimates, texels, rates)
+    cut_out_ns = view_count * _cut_out_ns_a_view(estimates, texels, rates)
     return {method: (ns + cut_out_ns) * 1e-6 for method, ns in nanoseconds.items()}
 
 
-def _draw_count(snapshot: SceneSnapshot, drawn: np.ndarray) -> float:
-    """A view's, of (instance_count,) bool."""
-    meshes = len(np.unique(snapshot.instances.mesh_index[drawn]))
-    return meshes + NEW_DRAW_SHARE * (int(drawn.sum()) - meshes)
+def _draw_count(mesh_index: np.ndarray) -> float:
+    """A view's, of the meshes of (n,) casters."""
+    mesh_count = len(np.unique(mesh_index))
+    return mesh_count + NEW_DRAW_SHARE * (len(mesh_index) - mesh_count)
 
 
-def _cut_out_ns_a_view(snapshot: SceneSnapshot, estimates: _InstanceEstimates, texels: float, rates: Rates) -> float:
+def _cut_out_ns_a_view(estimates: _CasterEstimates, texels: float, rates: Rates) -> float:
     """The same for all methods, as all hand them to the rasterizer."""
     count = estimates.cut_out_count
-    draws = _draw_count(snapshot, count > 0)
+    draws = _draw_count(estimates.mesh_index[count > 0])
     covered = min(float((count * estimates.texel_area).sum()), MAX_LAYERS * texels)
     return float(count.sum()) * rates.raster_triangle + draws * rates.raster_draw + covered * rates.cut_out_texel

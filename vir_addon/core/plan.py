@@ -11,16 +11,17 @@ from ..device.interface import LINEAR_TEXTURE_WIDTH, Device
 from . import cost
 from .bounds import SceneBounds, compute_bounds
 from .errors import SceneError, UsageError
-from .fit import choose_faces
+from .fit import fit_light
 from .pass_set import unique_pass_names
 from .passes.reflection_maps import BYTES_PER_TEXEL
 from .passes.shadow_maps import MAX_BATCH_VIEWS
-from .reach import light_casters, lit_places, may_shadow
+from .reach import Receivers, light_casters, lit_places, may_shadow
 from .reflection_rounds import ReflectionRounds, plan_rounds
 from .reflectors import PlannedReflections, choose_reflectors
+from .sampling import light_samples
 from .scene import Camera, Light, LightShape, SceneSnapshot
 from .settings import Effect, Hardware, Method, PointGeneration, PointStorage, Settings
-from .views import light_axes
+from .views import MIN_RECEIVER_MARGIN, light_axes
 
 SHARED_MAPS_NOTE = "shadows differ a little from those made without reflections: lights' maps reach over what reflectors show as well"
 MIN_EYE_SAMPLES = 8
@@ -43,6 +44,11 @@ LATTICE_STEPS = 6
 MAX_LATTICE_BOXES = 1024
 MAX_LATTICE_PLACES = 1 << 15
 """what is enough to tell which faces of a cube will be needed"""
+MAX_FITTED_PLACES = 2048
+MAX_FACE_ZOOM = 4.0
+"""how much finer than the texels of one face of a light those of another may be"""
+FITTED_SAMPLES = 16
+"""as many find the far ends of a light"""
 
 
 @dataclass(frozen=True)
@@ -288,11 +294,11 @@ def _plan_light(
             method=Method.PCSS if is_filtered else Method.MVR,
             predicted_ms=cost.resolve_ms(snapshot, settings, sample_count),
         )
-    face_count = _likely_face_count(light, places_ws)
+    faces, face_count = _likely_faces(snapshot, light, bounds, places_ws, settings.map_resolution_px)
     batch_count = _batch_count(view_count, settings.map_resolution_px, settings.batch_view_count)
     # where there are fewer views than batches each batch shows one again
     map_count = 1 if is_filtered else max(view_count, batch_count)
-    estimates = cost.estimate_methods(snapshot, light, map_count, settings, bounds, face_count, batch_count)
+    estimates = cost.estimate_methods(snapshot, light, map_count, settings, bounds, faces, batch_count)
     if is_filtered:
         look_ups_ms = cost.filter_ms(snapshot, settings, MAX_EYE_SAMPLES)
     else:
@@ -375,16 +381,24 @@ def _visible_places(camera: Camera, boxes: np.ndarray) -> np.ndarray:
     return places[_may_be_in_picture(camera, places), 0]
 
 
-def _likely_face_count(light: Light, places_ws: np.ndarray) -> int:
-    """1, or in how many faces of a cube some of the places are lit."""
-    if light.shape is LightShape.SUN:
-        return 1
+def _likely_faces(
+    snapshot: SceneSnapshot, light: Light, bounds: SceneBounds, places_ws: np.ndarray, resolution_px: int
+) -> tuple[list[cost.LikelyFace], int]:
+    """Those that need maps, and how many are looked up: what `fit_light` finds for two views from the light's far ends and some of
+    the places where something visible may be, (n, 3) world space."""
     p = places_ws - light.world_from_light[:3, 3]
-    p = p[lit_places(light, p @ light_axes(light).T)]
-    faces = choose_faces(light, p + light.world_from_light[:3, 3], np.zeros((1, 3)))
-    if len(faces) == 1:
-        return 1
-    return sum(bool((np.abs(p_fs[:, :2]) <= p_fs[:, 2:]).all(axis=1).any()) for p_fs in (p @ face.face_from_world.T for face in faces))
+    lit = places_ws[lit_places(light, p @ light_axes(light).T)]
+    some = lit[np.linspace(0, len(lit) - 1, min(len(lit), MAX_FITTED_PLACES)).astype(np.int64)]
+    samples_m = light_samples(light, FITTED_SAMPLES)
+    far_ends_m = np.stack([samples_m.min(axis=0), samples_m.max(axis=0)])
+    fitted, _ = fit_light(snapshot, light, far_ends_m, bounds, Receivers(some, MIN_RECEIVER_MARGIN), resolution_px)
+    needed = [face for face in fitted if len(face.caster_indices)]
+    tangents = [math.sqrt(math.prod(face.views.texel_tangent)) for face in needed]
+    # of a face that next to none of the places are in, the window is hardly known
+    finest = max(tangents, default=0.0) / MAX_FACE_ZOOM
+    faces = [cost.LikelyFace(face.caster_indices, max(tangent, finest)) for face, tangent in zip(needed, tangents, strict=True)]
+    # few places are known of what is seen: there may be shadows between them
+    return faces or [cost.LikelyFace(light_casters(snapshot, light), 1 / resolution_px)], max(len(fitted), 1)
 
 
 def _unwanted(light: Light, settings: Settings) -> tuple[str, float] | None:
