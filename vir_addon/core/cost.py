@@ -37,6 +37,8 @@ MAX_LAYERS = 16
 """surfaces one behind the other that large triangles are taken to fill the maps with"""
 POINTS_PER_TEXEL = 2.0
 """of the watertight lattice on a surface that faces the view (core/passes/points.py); the published one has half"""
+PROJECTED_SHARE = 0.5
+"""of the area of what faces a view, whose slope may be any, in its map; what is culled at random is told by that"""
 NEW_DRAW_SHARE = 0.2
 """of the instances of a mesh that begin a draw: those of a view which follow each other share one"""
 GLOBAL_RATE_SHARE = 2.0
@@ -81,8 +83,7 @@ class Rates:
 
 
 RATES = {
-    # points: 105 ns of a closed surface of 2 million triangles, 260 of a scanned model; replayed: 13 where nearly half is found
-    # hidden after the first batch, 19 where nothing is
+    # points replayed: 24 where they lie as a surface's triangles do, 20 where a forest's lie all over the maps and mvr takes longer, too
     Hardware.SOFTWARE: Rates(
         raster_triangle=100.0,
         raster_texel=4.0,
@@ -91,9 +92,9 @@ RATES = {
         gather_triangle=150.0,
         small_triangle=10.0,
         small_texel=18.0,
-        generate_triangle=300.0,
-        generate_point=120.0,
-        splat_point=14.0,
+        generate_triangle=80.0,
+        generate_point=90.0,
+        splat_point=22.0,
         clear_texel=1.0,
         look_up=14.0,
         filter_tap=5.0,
@@ -240,7 +241,7 @@ def _point_counts(estimates: _CasterEstimates, settings: Settings, texels: float
     area, perimeter = estimates.texel_area * points_per_texel, estimates.texel_perimeter * np.sqrt(points_per_texel)
     all_area = float((estimates.triangle_count * area).sum())
     visible = min(1.0, MAX_LAYERS * POINTS_PER_TEXEL * texels / max(all_area, 1.0))
-    kept = np.minimum(estimates.texel_area / settings.culling_area_texels, 1) if settings.stochastic_culling else 1.0
+    kept = np.minimum(PROJECTED_SHARE * estimates.texel_area / settings.culling_area_texels, 1) if settings.stochastic_culling else 1.0
     return kept * (1 + perimeter / 4 + area * visible)
 
 
