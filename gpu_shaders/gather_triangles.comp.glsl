@@ -51,8 +51,9 @@ void main() {
     // face space is left-handed
     vec3 scaled_normal = -cross(corners_fs[1] - corners_fs[0], corners_fs[2] - corners_fs[0]);
     bool two_sided = work.w > 0.5;
+    bool faces_light = faces_any_view(scaled_normal, corners_fs[0]);
     // a triangle without area is seen by no view
-    if (dot(scaled_normal, scaled_normal) == 0.0 || !(two_sided || faces_any_view(scaled_normal, corners_fs[0])) || unseen(corners_fs)) {
+    if (dot(scaled_normal, scaled_normal) == 0.0 || !(two_sided || faces_light) || unseen(corners_fs)) {
         return;
     }
     bool small = is_small(corners_fs);
@@ -72,6 +73,6 @@ void main() {
 #ifdef FRONT_FACE
         p = small ? vec3(p.xy * (texels_per_tangent / p.z), 1.0 / p.z) : p;
 #endif
-        imageStore(gathered_triangles, linear_texel(3 * place + i), vec4(p, work.x));
+        imageStore(gathered_triangles, linear_texel(3 * place + i), vec4(p, small ? float(faces_light) : work.x));
     }
 }

@@ -12,7 +12,7 @@ void main() {
     bool hidden = true;
     for (int k = 0; k < view_count; k++) {
         vec3 p = point.xyz - view_center(k);
-        hidden = hidden && hidden_from(k, map_position(k, vec3(p.xy, max(p.z, near_m))), p.z);
+        hidden = hidden && hidden_from(k, map_position(k, vec3(p.xy, max(p.z, near_m))), p.z, KEPT_DEPTH_FOOTPRINTS);
     }
     if (!hidden) {
         uint next = imageAtomicAdd(counters, ivec2(0, 0), 1u);

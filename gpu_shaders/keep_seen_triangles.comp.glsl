@@ -4,11 +4,8 @@
 #include "lib/hidden.glsl"
 #include "lib/small_triangles.glsl"
 
-bool corner_hidden_from(int k, vec3 corner) {
-    float linear;
-    vec2 at = place_corner(k, corner, linear);
-    return hidden_from(k, at, depth_of(linear));
-}
+// What faces away from the whole light and stands behind another surface is the far side of something: it comes into sight at holes only.
+const float KEPT_DEPTH_FACING_AWAY_FOOTPRINTS = 4.0;
 
 void main() {
     int index = linear_invocation();
@@ -19,11 +16,16 @@ void main() {
     for (int i = 0; i < 3; i++) {
         corners[i] = texelFetch(gathered_triangles, linear_texel(3 * index + i), 0);
     }
+    float kept_depth_footprints = corners[0].w > 0.5 ? KEPT_DEPTH_FOOTPRINTS : KEPT_DEPTH_FACING_AWAY_FOOTPRINTS;
     bool hidden = true;
     int k = -1;
     do {
         k++;
-        hidden = corner_hidden_from(k, corners[0].xyz) && corner_hidden_from(k, corners[1].xyz) && corner_hidden_from(k, corners[2].xyz);
+        for (int i = 0; i < 3; i++) {
+            float linear;
+            vec2 at = place_corner(k, corners[i].xyz, linear);
+            hidden = hidden && hidden_from(k, at, depth_of(linear), kept_depth_footprints);
+        }
     } while (hidden && k + 1 < view_count);
     if (hidden) {
         return;

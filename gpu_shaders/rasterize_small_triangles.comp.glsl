@@ -13,9 +13,12 @@ void main() {
     if (index >= triangle_count) {
         return;
     }
-    vec3 corners[3];
+    vec4 corners[3];
     for (int i = 0; i < 3; i++) {
-        corners[i] = texelFetch(gathered_triangles, linear_texel(3 * index + i), 0).xyz;
+        corners[i] = texelFetch(gathered_triangles, linear_texel(3 * index + i), 0);
+    }
+    if (corners[0].w == skipped_facing) {
+        return;
     }
     // Loops that test at their end: software rasterizers go through those that test at their beginning once more than needed.
     int k = -1;
@@ -24,7 +27,7 @@ void main() {
         vec2 at[3];
         vec3 linear;
         for (int i = 0; i < 3; i++) {
-            at[i] = floor(place_corner(k, corners[i], linear[i]) * SUBTEXELS + 0.5);
+            at[i] = floor(place_corner(k, corners[i].xyz, linear[i]) * SUBTEXELS + 0.5);
         }
         vec2 low = max(ceil(min(min(at[0], at[1]), at[2]) / SUBTEXELS - 0.5), 0.0);
         vec2 high = min(floor(max(max(at[0], at[1]), at[2]) / SUBTEXELS - 0.5), vec2(map_size - 1));

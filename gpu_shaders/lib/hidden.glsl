@@ -6,11 +6,11 @@
 const float KEPT_DEPTH_FOOTPRINTS = 32.0;
 
 // at: texels from the map's corner
-bool hidden_from(int k, vec2 at, float depth) {
+bool hidden_from(int k, vec2 at, float depth, float kept_depth_footprints) {
     ivec2 texel = ivec2(floor(at));
     // a window that leaves it out says nothing about the windows of other views
     bool outside = depth <= near_m || any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel, map_size));
     ivec2 address = clamp(texel, ivec2(0), map_size - 1) + ivec2(0, view_first_row(k));
     float seen = uintBitsToFloat(texelFetch(depth_maps, address, 0).x);
-    return !outside && depth > seen + KEPT_DEPTH_FOOTPRINTS * footprint_at(depth);
+    return !outside && depth > seen + kept_depth_footprints * footprint_at(depth);
 }

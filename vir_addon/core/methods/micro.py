@@ -27,6 +27,8 @@ from .linear_store import LinearStore
 from .seen_space import seen_space_bindings
 
 FIRST_CAPACITY = 1 << 14
+SKIP_NONE, SKIP_FACING_AWAY, SKIP_FACING = -1, 0, 1
+"""of RASTERIZE_SMALL_TRIANGLES"""
 
 
 @dataclass(frozen=True)
@@ -135,16 +137,25 @@ class MicroTriangleRasterization(ReplayMethod):
         views = self.views_table(selected)
         self._begin(maps, selected, views)
         batch = {"views": views, "view_count": len(selected), "face": self.face_table}
+        if not (self.small_count and self._may_search_hidden(selected)):
+            self._rasterize_small(maps, batch, SKIP_NONE)
+            return
+        # most of what faces away stands behind the rest: it is searched before it is rasterized
+        self._rasterize_small(maps, batch, SKIP_FACING_AWAY)
+        self._cull_hidden(maps, batch)
+        if not self.culled[self.opaque_indices].all():
+            self._rasterize_small(maps, batch, SKIP_FACING)
+
+    def _rasterize_small(self, maps: DepthMaps, batch: dict[str, Any], skipped_facing: int) -> None:
         for portion in self._gathered_portions():
             self.device.compute_kernel(RASTERIZE_SMALL_TRIANGLES, *self.flags).dispatch_linear(
                 portion.small_count,
                 gathered_triangles=self.triangles.texture,
                 depth_maps=maps.texture,
                 triangle_count=portion.small_count,
+                skipped_facing=skipped_facing,
                 **batch,
             )
-        if self.small_count and self._may_search_hidden(selected):
-            self._cull_hidden(maps, batch)
 
     def _gathered_portions(self) -> Iterator[_Portion]:
         """Yields portions with small triangles, each while the list holds them."""

@@ -19,7 +19,7 @@ from .shadow_maps import (
 
 GATHERED_TRIANGLES_TEXT = (
     "three texels a triangle, its corners in face space, those of small ones with FRONT_FACE as x/z and y/z in texels and 1/z, "
-    "with ORTHOGRAPHIC as x and y in texels and z; w: instance"
+    "with ORTHOGRAPHIC as x and y in texels and z; w: instance, of small ones 1 if any view sees their front, otherwise 0"
 )
 SMALL_EXTENT_TEXELS = 11.0
 """Edge functions of corners in 256ths of a texel stay below 2^24, which float32 holds exactly."""
@@ -109,7 +109,11 @@ RASTERIZE_SMALL_TRIANGLES = ComputeDeclaration(
     local_size=(WORK_GROUP_SIZE, 1, 1),
     textures={"gathered_triangles": Sampled("sampler2D", GATHERED_TRIANGLES_TEXT)},
     images={"depth_maps": DEPTH_MAPS_ATOMIC},
-    constants={"view_count": VIEW_COUNT, "triangle_count": Constant("int", "small triangles in the list")},
+    constants={
+        "view_count": VIEW_COUNT,
+        "triangle_count": Constant("int", "small triangles in the list"),
+        "skipped_facing": Constant("float", "which to leave out: 0 what faces away from all views, 1 the others, -1 none"),
+    },
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
     flags={**ORTHOGRAPHIC_FLAG, "FRONT_FACE": FRONT_FACE},
 )
