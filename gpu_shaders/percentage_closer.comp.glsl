@@ -130,6 +130,7 @@ void main() {
     if (!find_pixel(pixel)) {
         return;
     }
+    vec4 before = pass_before(pixel);
     vec4 position = texelFetch(positions, pixel, 0);
     bool surface = takes_light(position);
     int turn = own_turn();
@@ -152,5 +153,5 @@ void main() {
         sums += filtered(r, blockers_depth(r));
 #endif
     }
-    add_to_pass(turn, pixel, surface, sums);
+    add_to_pass(turn, pixel, surface, sums, before);
 }

@@ -218,6 +218,7 @@ void main() {
     if (!find_pixel(pixel)) {
         return;
     }
+    vec4 before = pass_before(pixel);
     vec4 position = texelFetch(positions, pixel, 0);
     bool surface = takes_light(position);
     int turn = own_turn();
@@ -262,5 +263,5 @@ void main() {
             } while (undecided != 0u);
         }
     }
-    add_to_pass(turn, pixel, surface, sums);
+    add_to_pass(turn, pixel, surface, sums, before);
 }

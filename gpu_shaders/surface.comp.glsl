@@ -8,8 +8,11 @@ void main() {
         return;
     }
     uvec2 seen = texelFetch(visibility, samples_per_px * (pixel + margin_px) + ivec2(sample_x, sample_y), 0).xy;
+    // Software rasterizers wait for the memory that they store into: it is asked for now, and has come when all is worked out. What was there
+    // does not matter, the second condition always holds, but compilers do not know.
+    uint before = floatBitsToUint(imageLoad(positions, pixel).x) | floatBitsToUint(imageLoad(normals, pixel).x);
     // the background goes through all of it as well: stores of its own would cost a software rasterizer more
-    bool is_surface = seen.x != 0u;
+    bool is_surface = seen.x != 0u && (before & 1u) <= uint(samples_per_px);
     // the ray through the pixel's (shifted) centre: to the corner, along a row, along a column, eye
     vec2 at = vec2(pixel) + 0.5;
     vec3 to_plane = eye[0].xyz + at.x * eye[1].xyz + at.y * eye[2].xyz;

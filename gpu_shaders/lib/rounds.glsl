@@ -21,11 +21,21 @@ int own_turn() {
 #endif
 }
 
+// The pass's sums before this round. To be asked for long before they are needed: software rasterizers wait for memory.
+vec4 pass_before(ivec2 pixel) {
+#ifdef PROBES
+    return vec4(0.0);
+#else
+    return imageLoad(round_sums, pixel);
+#endif
+}
+
 vec2 sums_before(int turn, ivec2 pixel) {
     return (turn & FIRST_FACE) != 0 ? vec2(0.0) : imageLoad(batch_sums, pixel).xy;
 }
 
-void add_to_pass(int turn, ivec2 pixel, bool surface, vec2 sums) {
+// before: of pass_before
+void add_to_pass(int turn, ivec2 pixel, bool surface, vec2 sums, vec4 before) {
 #ifdef PROBES
     vec4 tile = own_tile();
     uint state = uint(tile.z);
@@ -42,7 +52,7 @@ void add_to_pass(int turn, ivec2 pixel, bool surface, vec2 sums) {
     // rounds that the tile was left out of count as those before them
     float repeats = own_tile().w;
     if (surface || repeats != 1.0) {
-        vec4 before = repeats * imageLoad(round_sums, pixel);
+        before *= repeats;
         // Welford's way, for a ratio: (s - R d) of the ratio R before this round times that of the one after it
         float squared = 0.0;
         if (before.y > 0.0) {

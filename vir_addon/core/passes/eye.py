@@ -62,8 +62,8 @@ SURFACE = ComputeDeclaration(
         **TILE_TEXTURES,
     },
     images={
-        "positions": Stored("RGBA32F", "write", "position (world space) and instance number, -1 for the background"),
-        "normals": Stored("RGBA32F", "write", "geometric normal (world space, towards the eye) and packed shading normal"),
+        "positions": Stored("RGBA32F", "read_write", "position (world space) and instance number, -1 for the background"),
+        "normals": Stored("RGBA32F", "read_write", "geometric normal (world space, towards the eye) and packed shading normal"),
     },
     constants={
         **SIZE_CONSTANTS,

@@ -36,14 +36,24 @@ SCENE_TEXTURES: Mapping[str, Sampled] = {
 SCENE_DEFINES = {"INSTANCE_TEXELS": INSTANCE_TEXELS}
 
 
+PACKED_TOGETHER = 1 << 14
+"""directions; temporaries stay in the cache"""
+
+
 def pack_directions(directions: np.ndarray) -> np.ndarray:
-    """(..., 3) unit vectors -> (...) float32 holding 24 bits; the host's side of lib/octahedral.glsl."""
-    length = np.abs(directions).sum(axis=-1, keepdims=True)
-    p = directions / np.where(length > 0, length, 1)
-    xy = p[..., :2]
-    wrapped = (1 - np.abs(xy[..., ::-1])) * np.where(xy >= 0, 1, -1)
-    q = np.floor((np.where(p[..., 2:] < 0, wrapped, xy) * 0.5 + 0.5) * 4095 + 0.5)
-    return (q[..., 0] * 4096 + q[..., 1]).astype(np.float32)
+    """(..., 3) float32 unit vectors -> (...) float32 holding 24 bits; the host's side of lib/octahedral.glsl."""
+    rows = directions.reshape(-1, 3)
+    packed = np.empty(len(rows), np.float32)
+    for start in range(0, len(rows), PACKED_TOGETHER):
+        x, y, z = np.ascontiguousarray(rows[start : start + PACKED_TOGETHER].T, np.float32)
+        length = np.abs(x) + np.abs(y) + np.abs(z)
+        length[length == 0] = 1
+        x, y = x / length, y / length
+        wrapped_x, wrapped_y = np.copysign(1 - np.abs(y), x + 0), np.copysign(1 - np.abs(x), y + 0)  # + 0: no -0
+        is_below = z < 0
+        x, y = (np.floor((np.where(is_below, *pair) * 0.5 + 0.5) * 4095 + 0.5) for pair in ((wrapped_x, x), (wrapped_y, y)))
+        packed[start : start + PACKED_TOGETHER] = x * 4096 + y
+    return packed.reshape(directions.shape[:-1])
 
 
 def _shading_of(mesh: Mesh) -> int:
