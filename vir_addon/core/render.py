@@ -50,11 +50,22 @@ class Progress:
     elapsed_s: float
     seconds_left: float
     """predicted from the batches so far"""
-    error_estimate: float
-    """the largest error estimate of the passes so far; infinite before there are two rounds"""
-    statistics: SetStatistics
     _renderer: Renderer = field(repr=False)
     _kept: dict[str, np.ndarray] | None = field(default=None, repr=False)
+    _error_estimate: float | None = field(default=None, repr=False)
+
+    @property
+    def error_estimate(self) -> float:
+        """The largest error estimate of the passes so far, worked out when asked for; infinite before there are two rounds."""
+        if self._error_estimate is None:
+            self._error_estimate = self._renderer.device.run(self._renderer.update_errors)
+        return self._error_estimate
+
+    @property
+    def statistics(self) -> SetStatistics:
+        """With the error estimates of the passes so far."""
+        _ = self.error_estimate
+        return self._renderer.statistics
 
     @property
     def passes(self) -> dict[str, np.ndarray]:
@@ -64,6 +75,7 @@ class Progress:
 
     def keep(self) -> None:
         """Read back what the device is about to forget."""
+        _ = self.error_estimate
         self._kept = self._renderer.read_passes()
 
     @property
@@ -93,8 +105,6 @@ def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device, on_stage: 
                 views_total=renderer.views_total,
                 elapsed_s=elapsed_s,
                 seconds_left=(elapsed_s - prepared_s) * (1 / share_done - 1),
-                error_estimate=device.run(renderer.update_errors),
-                statistics=renderer.statistics,
                 _renderer=renderer,
             )
             try:

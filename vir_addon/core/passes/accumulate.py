@@ -97,6 +97,9 @@ class PassAccumulator:
             self.round_sums = owned.own(device.upload_texture(zeros))
             self.disagreeing = owned.own(device.create_texture(columns, rows, TextureFormat.R32UI))
             """set by probes for settled tiles that are not what they were"""
+            tiles = (-(-width // ERROR_TILE_PX), -(-height // ERROR_TILE_PX))
+            # made beforehand: errors are asked for when a render is closed, also one that ended because there is no memory
+            self._error_sums = owned.own(device.create_texture(*tiles, TextureFormat.RGBA32F))
             self._owned = owned.pop_all()
         self.round_count = 0
         self._settled_rounds = np.zeros((rows, columns))
@@ -179,17 +182,14 @@ class PassAccumulator:
         true error of their mean is smaller. Infinite before there are two rounds."""
         if self.round_count < 2:
             return math.inf
-        tiles = (-(-self.width // ERROR_TILE_PX), -(-self.height // ERROR_TILE_PX))
-        with Owned() as temporary:
-            sums_texture = temporary.own(self.device.create_texture(*tiles, TextureFormat.RGBA32F))
-            self.device.compute_kernel(PASS_ERROR).dispatch_grid(
-                tiles,
-                round_sums=self.round_sums,
-                tile_sums=sums_texture,
-                width=self.width,
-                height=self.height,
-            )
-            sums = self.device.read(sums_texture).astype(np.float64)
+        self.device.compute_kernel(PASS_ERROR).dispatch_grid(
+            (self._error_sums.width, self._error_sums.height),
+            round_sums=self.round_sums,
+            tile_sums=self._error_sums,
+            width=self.width,
+            height=self.height,
+        )
+        sums = self.device.read(self._error_sums).astype(np.float64)
         squared, count = sums[..., 0].sum(), sums[..., 1].sum()
         correction = self.round_count / (self.round_count - 1)
         return math.sqrt(correction * squared / count) if count else 0.0
