@@ -310,10 +310,10 @@ def _plan_light(
         methods = AUTO_METHODS + GPU_AUTO_METHODS * (settings.hardware is Hardware.GPU)
         handicap = {m: POINTS_HANDICAP if m in GPU_AUTO_METHODS else 1.0 for m in methods}
         method = min((m for m in methods if not (has_cut_outs and m.shrinks_cut_outs)), key=lambda m: estimates[m] * handicap[m])
-        other = max(methods, key=lambda m: estimates[m])
-        reason += (
-            f"; {method.value} about {max(estimates[other] / max(estimates[method], 1e-9), 1.0):.1f} times faster than {other.value} here"
-        )
+        other = max(methods, key=lambda m: estimates[m]) if method is Method.MVR else Method.MVR
+        note = " (no points, no holes)" * (method is Method.MICRO)
+        times = max(estimates[other] / max(estimates[method], 1e-9), 1.0)
+        reason += f"; {method.value}{note} about {times:.1f} times faster than {other.value} here"
     else:
         method = settings.method
         reason += f"; {method.value} as asked"
