@@ -40,6 +40,8 @@ from .linear_store import LinearStore
 
 BATCH_TEXELS = 1 << 22
 """of the cubes that are splatted at once, 8 bytes each; a single cube may have more"""
+MAX_TRIANGLES = 1 << 24
+"""of a portion: tiles name them by a float32"""
 NOT_COVERED = 0xFFFFFFFF
 FIRST_TILE_CAPACITY = 1 << 16
 FIRST_POINT_CAPACITY = 1 << 16
@@ -106,7 +108,7 @@ class ReflectedPoints:
         self._held: _Portion | None = None
 
     def drawing(self) -> Generator[None, None, None]:
-        """Batch by batch, on the device's thread."""
+        """In steps, on the device's thread."""
         for first in range(0, len(self.cubes), MAX_CUBES):
             yield from self._drawing(self.cubes[first : first + MAX_CUBES])
 
@@ -117,7 +119,8 @@ class ReflectedPoints:
         with Owned() as temporary:
             self.work: WorkTable = temporary.own(self.scene_data.work_table(opaque, np.ones(len(self.scene_data.cut_out), bool)))
             budget_texels = (self.settings.replay_buffer_mib << 20) // (2 * BYTES_PER_TEXEL)
-            self._limits = budget_texels // TEXELS_PER_TRIANGLE, budget_texels // TEXELS_PER_POINT
+            budget_texels = min(budget_texels, self.device.max_texture_size_px * LINEAR_TEXTURE_WIDTH)
+            self._limits = min(budget_texels // TEXELS_PER_TRIANGLE, MAX_TRIANGLES), budget_texels // TEXELS_PER_POINT
             self.counters = temporary.own(self.device.create_texture(COUNTER_COUNT, 1, TextureFormat.R32UI))
             self.triangles = temporary.own(LinearStore(self.device, TEXELS_PER_TRIANGLE * min(self.work.triangle_count, self._limits[0])))
             self.points = temporary.own(LinearStore(self.device, TEXELS_PER_POINT * FIRST_POINT_CAPACITY))
@@ -130,8 +133,7 @@ class ReflectedPoints:
             rows = [-(-capacity // LINEAR_TEXTURE_WIDTH) for capacity in capacities]
             self._came_first = [temporary.own(self.device.create_texture(LINEAR_TEXTURE_WIDTH, each, TextureFormat.R32UI)) for each in rows]
             for batch in _batches(cubes):
-                yield
-                self._draw_batch(batch, portions)
+                yield from self._drawing_batch(batch, portions)
 
     def _table(self, cubes: list[Cube], first_texels: np.ndarray) -> np.ndarray:
         """(2 n, 4) rows of CUBES"""
@@ -200,7 +202,7 @@ class ReflectedPoints:
 
     # batches of cubes
 
-    def _draw_batch(self, cubes: list[Cube], portions: list[_Portion]) -> None:
+    def _drawing_batch(self, cubes: list[Cube], portions: list[_Portion]) -> Generator[None, None, None]:
         sizes = [cube.drawn.face_count * cube.drawn.width_px * cube.drawn.height_px for cube in cubes]
         first_texels = np.cumsum([0, *sizes])
         rows = -(-int(first_texels[-1]) // LINEAR_TEXTURE_WIDTH)
@@ -214,6 +216,7 @@ class ReflectedPoints:
             self.most_bytes = max(self.most_bytes, sum(each.byte_count for each in lists))
             for is_numbering in (False, True):
                 for portion in portions:
+                    yield
                     self._splat(batch, portion, is_numbering, len(portions) == 1)
             for cube, first_texel in zip(cubes, first_texels, strict=False):
                 self.maps.store_splatted(cube.number, depths, numbers, int(first_texel), self.work.texture)
