@@ -80,6 +80,26 @@ def test_an_animation_has_each_frames_passes(animated, tmp_path):
     assert np.abs(frames[0] - frames[2]).max() > 0.5
 
 
+def test_reflections_of_each_frame(animated, tmp_path):
+    material = bpy.data.materials.new("Mirror")
+    if bpy.app.version < (5, 0):  # later ones always have nodes, and warn
+        material.use_nodes = True
+    shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    shader.inputs["Metallic"].default_value, shader.inputs["Roughness"].default_value = 1.0, 0.1
+    bpy.data.objects["Cube"].data.materials.append(material)
+    animated.vir.use_reflections = True
+    compose(animated, "VIR Reflection Color")
+    animated.vir.use_on_render, animated.frame_end = True, 2
+    bpy.ops.render.render(animation=True)
+    frames = [rendered(tmp_path, frame) for frame in (1, 2)]
+    animated.vir.use_on_render = False
+    for frame, pixels in enumerate(frames, 1):
+        by_button(animated, frame)
+        image = scene_images(animated.name)["VIR Reflection Color"]
+        np.testing.assert_array_equal(pixels, np.array(image.pixels[:], np.float32).reshape(HEIGHT, WIDTH, -1)[..., 0])
+    assert frames[0].max() > 0.5 and np.abs(frames[0] - frames[1]).max() > 0.5
+
+
 def test_markers_that_change_the_camera(animated, tmp_path):
     """In the middle of an animation, and of a single render; the panel's button follows them too."""
     compose(animated)

@@ -153,6 +153,8 @@ def ask_main_thread(function: Callable[..., Any], *arguments: Any) -> None:
 @bpy.app.handlers.persistent
 def refuse_calls(*_: Any) -> None:
     """Blender's handler, before it quits: the main thread will wait for renders to end, which must not wait for it."""
+    if globals().get("_closed") is None:  # Blender as a Python module quits when Python has emptied this one
+        return
     _closed.set()
     for call in _waiting_calls():
         call.refuse()
