@@ -195,3 +195,15 @@ def test_what_is_near_a_small_reflector_is_in_its_map_however_large_the_scene(de
     judged = (distance < 0.95 * radius_m) & (to_edge > 0.1 * half_m)
     assert judged.sum() > 300
     assert np.abs(image - truth)[judged].max() < 0.01
+
+
+def test_a_reflector_within_another_says_so(device):
+    walls, materials = colored_box(3.0)
+    outer, inner = (bumpy_sphere(name, (0, 0, 0), radius_m, 24, bump_share=0.0) for name, radius_m in (("outer", 0.8), ("inner", 0.3)))
+    camera = perspective_camera((-2.6, -1.0, 0.8), (0, 0, 0), 64, 36, 0.6)
+    scene = snapshot([*walls, outer, inner], [], camera, 64, 36, materials=[*materials, mirror(), mirror()], world=World())
+    *_, last = render(scene, planned(scene, Settings(effects=(Effect.REFLECTION,), reflection_sample_count=2, bounces=1)), device)
+    lines = last.statistics.reflections.reflectors
+    assert "inner: skipped: within 'outer'" in lines
+    assert any(line.startswith("outer: ") and "px in the picture" in line for line in lines)
+    assert last.passes[REFLECTION_PASS_NAME].max() > 0.5

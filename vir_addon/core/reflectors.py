@@ -141,10 +141,21 @@ def choose_reflectors(
     lines += with_methods(_within_memory(found, settings.reflection_map_mib), snapshot, settings)
     lines += [Reflector(each.name, each.own, runs=False, reason=TOO_SMALL_REASON) for each in left_out]
     for name, own, is_hidden in others:
-        where = "hidden behind others" if is_hidden else "not in the picture"
+        where = _where_hidden(snapshot, bounds, own) if is_hidden else "not in the picture"
         reason = f"skipped: {where}" if bounces < 2 else f"{where}: a map if enough of it shows within other reflectors"
         lines.append(Reflector(name, own, runs=bounces > 1, reason=reason))
     return PlannedReflections(tuple(lines), bounces)
+
+
+def _where_hidden(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray) -> str:
+    """Of a reflector in the picture that the eye does not see: within another, perhaps."""
+    instances, corners = snapshot.instances, bounds.corners_ws[own].reshape(-1, 3)
+    is_closed = np.array([mesh.is_closed for mesh in snapshot.meshes], bool)[instances.mesh_index]
+    around = (bounds.corners_ws.min(axis=1) < corners.min(axis=0)).all(axis=1) & (bounds.corners_ws.max(axis=1) > corners.max(axis=0)).all(
+        axis=1
+    )
+    around = np.flatnonzero(around & is_closed & reflecting_instances(snapshot))
+    return f"within {instances.object_names[instances.object_index[around[0]]]!r}" if len(around) else "hidden behind others"
 
 
 def _with_maps(
