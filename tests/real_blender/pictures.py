@@ -12,6 +12,7 @@ TARGET = Path(__file__).resolve().parent.parent.parent / "docs" / "images"
 PICTURES = {
     "panel": ("first_steps/4_rendered", (330, 30, 1312, 905), 900),
     "compositor": ("first_steps/7_compositor", (200, 160, 1030, 780), 640),
+    "preview_reflections": ("preview/8_all", (300, 190, 1000, 584), 720),
     "tutorial_rendered": ("tutorial/1_rendered", (0, 30, 1312, 905), 900),
     "tutorial_pass": ("tutorial/2_pass", (0, 30, 1312, 905), 720),
     "tutorial_compositor": ("tutorial/3_compositor", (0, 30, 1312, 830), 900),
@@ -20,6 +21,8 @@ PICTURES = {
 }
 """name -> screenshot, its part (left, top, right, bottom) in pixels, width in the manual"""
 COLOUR_COUNT = 96
+MOST_COLOUR_COUNT = 256
+"""where colours are what a picture shows"""
 
 
 def main(folder: Path) -> None:
@@ -27,7 +30,7 @@ def main(folder: Path) -> None:
         picture = Image.open(folder / f"{source}.png").convert("RGB").crop(part)
         picture = picture.resize((width_px, round(picture.height * width_px / picture.width)), Image.LANCZOS)
         target = TARGET / f"{name}.png"
-        picture.quantize(COLOUR_COUNT).save(target, optimize=True)
+        picture.quantize(MOST_COLOUR_COUNT if name == "preview_reflections" else COLOUR_COUNT).save(target, optimize=True)
         print(f"{target}: {target.stat().st_size >> 10} KiB")
 
 

@@ -104,6 +104,7 @@ def show_reflections() -> Steps:
     ball.data.materials.append(material)
     for name, color in (("Cube", (0.8, 0.1, 0.05, 1.0)), ("Plane", (0.3, 0.5, 0.2, 1.0))):
         paint = bpy.data.materials.new(name)
+        paint.diffuse_color = color  # what Solid mode shows
         next(node for node in paint.node_tree.nodes if node.type == "BSDF_PRINCIPLED").inputs["Base Color"].default_value = color
         materials = bpy.data.objects[name].data.materials
         materials.clear()
