@@ -110,6 +110,9 @@ class ReflectionWork:
                     self.hits[part].append(hits)
                     seen_from = hits.buffer.positions
             self.sums = {name: owned.own(self.device.upload_texture(zeros)) for name in ("radiance_sums", "color_sums")}
+            # made beforehand: errors are asked for when a render is closed, also one that ended because there is no memory
+            tiles = (-(-width // ERROR_TILE_PX), -(-height // ERROR_TILE_PX))
+            self._error_sums = owned.own(self.device.create_texture(*tiles, TextureFormat.RGBA32F))
             owned.callback(self._forget_maps)
             self._use(planned)
             self.tiles = Tiles(self.device, np.ones(self.tiles_shown.shape, bool))
@@ -355,12 +358,15 @@ class ReflectionWork:
         if self.round_count < 2:
             return math.inf
         width, height = self.size
-        tiles = (-(-width // ERROR_TILE_PX), -(-height // ERROR_TILE_PX))
-        with Owned() as temporary:
-            tile_sums = temporary.own(self.device.create_texture(*tiles, TextureFormat.RGBA32F))
-            kernel = self.device.compute_kernel(REFLECTION_ERROR)
-            kernel.dispatch_grid(tiles, **self.sums, tile_sums=tile_sums, width=width, height=height, round_count=self.round_count)
-            squared, count = self.device.read(tile_sums)[..., :2].astype(np.float64).sum(axis=(0, 1))
+        self.device.compute_kernel(REFLECTION_ERROR).dispatch_grid(
+            (self._error_sums.width, self._error_sums.height),
+            **self.sums,
+            tile_sums=self._error_sums,
+            width=width,
+            height=height,
+            round_count=self.round_count,
+        )
+        squared, count = self.device.read(self._error_sums)[..., :2].astype(np.float64).sum(axis=(0, 1))
         return math.sqrt(squared / count) if count else 0.0
 
     def read(self) -> dict[str, np.ndarray]:
