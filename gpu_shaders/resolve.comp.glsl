@@ -16,19 +16,6 @@
 #define sampled_point(k) (vec4(view_center(k), samples[k].w))
 #endif
 
-// What is stored deeper than the receiver by more does not hide it: beyond a silhouette the tangent plane runs away along the ray while
-// the surface ends.
-const float MAX_DEEPER_FOOTPRINTS = 8.0;
-// What stands nearer than the receiver by more may be something else, although the plane of one seen edge-on passes before it.
-const float MAX_NEARER_FOOTPRINTS = 8.0;
-// What stands before the receiver by less may touch it within a texel: so steep are walls that are told from outlines.
-const float CONTACT_FOOTPRINTS = 16.0;
-const float COPLANAR_FOOTPRINTS = 1.0 / 64.0;  // several times what the rasterizer's snapping of corners to 1/256 texel moves a plane
-// How high above the tangent plane a stored point may lie and still be the receiver: curvature within a texel, as an angle, and ...
-const float BIAS_ANGLE = 1.0 / 48.0;
-const float POINT_BIAS_FOOTPRINTS = 1.0 / 4.0;  // ... planes of facets that points carry past the facets' edges, half a texel
-const float RASTER_BIAS_FOOTPRINTS = 1.0 / 12.0;  // ... facets of about a texel
-
 float stored_depth(ivec2 address) {
     return uintBitsToFloat(texelFetch(depth_maps, address, 0).x);
 }

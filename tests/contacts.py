@@ -6,7 +6,8 @@ so that shadow edges, which maps of any resolution move by parts of a texel, sta
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from tests.ray_tracing import Surfaces, delivered, nearest_blocker, samples_in_world, surfaces_at, world_triangles
 from tests.scenes import area_light, box, bumpy_sphere, floor, perspective_camera, prepared_renderer, rectangle, render_batches, snapshot
+from vir_addon.core.render import Renderer
 from vir_addon.core.scene import Mesh, SceneSnapshot
 from vir_addon.core.settings import Method
 from vir_addon.device.interface import Device
@@ -174,6 +176,16 @@ def coarse_bowl(smooth: bool) -> ContactScene:
     return ContactScene(_made([grid("bowl", 1.5, 9, _bowl, smooth=smooth)], light, (0.3, -2.6, 2.6), (0.0, 0.2, 0.2), 0.5))
 
 
+def rough_ground() -> ContactScene:
+    """A scan's facets, of about two texels of a map of 40: every edge is a fold, of 15 degrees on average."""
+
+    def height_at(x, y):
+        return _waves(x, y) + 0.008 * np.random.default_rng(5).normal(size=x.shape)
+
+    light = area_light(eye=(-2.0, -0.8, 2.0), target=(0.0, 0.0, 0.0), size_m=(0.6, 0.6))
+    return ContactScene(_made([grid("ground", 0.6, 24, height_at)], light, (0.2, -1.5, 1.1), (0.0, 0.0, 0.0), 0.35))
+
+
 def _sphere_hides(points: np.ndarray, targets: np.ndarray, centre: np.ndarray, radius_m: float) -> np.ndarray:
     """Whether a segment enters a sphere by more than a share of 1e-3 of its radius."""
     d = targets - points
@@ -214,6 +226,7 @@ SCENES: dict[str, Callable[[], ContactScene]] = {
     "coarse sphere, smooth": lambda: coarse_sphere(True),
     "coarse bowl, flat": lambda: coarse_bowl(False),
     "coarse bowl, smooth": lambda: coarse_bowl(True),
+    "rough ground": rough_ground,
     "fine sphere": fine_sphere,
     "fine sphere, flat": lambda: fine_sphere(smooth=False),
     "fine bowl": fine_bowl,
@@ -251,20 +264,25 @@ class Measurement:
         self.contact, self.device = contact, device
         self._truth: np.ndarray | None = None
 
-    def render(self, method: Method, map_resolution_px: int) -> tuple[np.ndarray, np.ndarray]:
-        """The pass and the truth at the pixels that show a surface, (n,) each."""
-        scene = self.contact.scene
-        settings = {"method": method, "view_count": VIEWS, "map_resolution_px": map_resolution_px}
-        with prepared_renderer(scene, self.device, **settings) as renderer:
-            render_batches(renderer)
-            image = renderer.read_passes()["VIR Shadow Key"]
-            positions = self.device.run(self.device.read, renderer.eye.buffers[0].positions)
-            normals = self.device.run(self.device.read, renderer.eye.buffers[0].normals)
+    @contextlib.contextmanager
+    def rendered(self, method: Method, map_resolution_px: int, **settings: Any) -> Iterator[Renderer]:
+        """Nothing rendered yet: for `render_batches`."""
+        settings = {"method": method, "view_count": VIEWS, "map_resolution_px": map_resolution_px, **settings}
+        with prepared_renderer(self.contact.scene, self.device, **settings) as renderer:
+            yield renderer
+
+    def compare(self, image: np.ndarray, renderer: Renderer) -> ContactError:
+        """image: (height, width), what the renderer made with whatever method"""
+        positions, normals = (self.device.run(self.device.read, texture) for texture in renderer.eye.buffers[0])
+        if self._truth is None:
             (work,) = renderer.works
-            if self._truth is None:
-                self._truth = true_pass(self.contact, self._surfaces(positions, normals), work.samples_m)
-        rows, columns = np.nonzero(positions[..., 3] >= 0)
-        return image[rows, columns].astype(np.float64), self._truth
+            self._truth = true_pass(self.contact, self._surfaces(positions, normals), work.samples_m)
+        truth, error = self._truth, image[positions[..., 3] >= 0].astype(np.float64) - self._truth
+
+        def rms(where: np.ndarray) -> float:
+            return float(np.sqrt((error[where] ** 2).mean())) if where.any() else 0.0
+
+        return ContactError(rms(truth < 1e-9), rms(truth > 1 - 1e-9), rms(np.ones(len(truth), bool)))
 
     def _surfaces(self, positions: np.ndarray, normals: np.ndarray) -> Surfaces:
         if self.contact.is_visible is None:
@@ -275,9 +293,6 @@ class Measurement:
         return Surfaces(np.stack([rows, columns], axis=1), positions[rows, columns, :3].astype(np.float64), own, own, np.zeros(len(own)))
 
     def error(self, method: Method, map_resolution_px: int) -> ContactError:
-        image, truth = self.render(method, map_resolution_px)
-
-        def rms(where: np.ndarray) -> float:
-            return float(np.sqrt(((image - truth)[where] ** 2).mean())) if where.any() else 0.0
-
-        return ContactError(rms(truth < 1e-9), rms(truth > 1 - 1e-9), rms(np.ones(len(truth), bool)))
+        with self.rendered(method, map_resolution_px) as renderer:
+            render_batches(renderer)
+            return self.compare(renderer.read_passes()["VIR Shadow Key"], renderer)

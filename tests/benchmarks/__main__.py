@@ -21,7 +21,7 @@ from rich.console import Console
 from vir_addon import __version__
 from vir_addon.device.open import DEVICE_NAMES, open_device
 
-from . import adaptive, depth_maps, growth, hybrid_threshold, memory, one_map, peers, reflections, speed, whole_render
+from . import adaptive, depth_maps, growth, hybrid_threshold, memory, one_map, peers, reflections, speed, tolerances, whole_render
 from .options import Options
 from .tables import BenchTable
 
@@ -46,6 +46,7 @@ BENCHMARKS: dict[str, Run] = {
     "memory": memory.run,
     "one_map": one_map.run,
     "reflections": reflections.run,
+    "tolerances": tolerances.run,
 }
 PEERS: dict[str, Run] = {"peers_head": peers.head, "peers_colonnade": peers.hall, "peers_model": peers.model}
 """what `--peers` runs: `make bench-peers`"""

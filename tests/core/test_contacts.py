@@ -15,13 +15,13 @@ MVR, IVIR = Method.MVR, Method.IVIR
         ("light in a cube on a floor", 128, IVIR, 0.03),
         ("thin wall", 512, MVR, 0.002),
         ("thin wall", 512, IVIR, 0.015),
-        ("leaning board", 512, MVR, 0.008),
+        ("leaning board", 512, MVR, 0.011),
         ("leaning board", 512, IVIR, 0.025),
         ("stairs", 512, MVR, 0.005),
         ("stairs", 512, IVIR, 0.015),
-        # the light is within a degree of the floor, where what stands within 8 footprints may be lost: measured 0.083 and 0.116
-        ("wall on a grazed floor", 512, MVR, 0.1),
-        ("wall on a grazed floor", 512, IVIR, 0.13),
+        # the light is within a degree of the floor, where what stands within 8 footprints may be lost: measured 0.069 and 0.021
+        ("wall on a grazed floor", 512, MVR, 0.08),
+        ("wall on a grazed floor", 512, IVIR, 0.03),
     ],
 )
 def test_no_light_leaks_where_surfaces_touch(device, name, map_resolution_px, method, leak):
@@ -42,12 +42,21 @@ def test_no_acne_on_what_is_lit(device, name, method):
     assert error.acne <= 0.003
 
 
+def test_ground_of_folds_is_lit(device):
+    """A scan's facets, two texels wide: more tolerance would let light through contacts, less has the ground speckled."""
+    measurement = Measurement(SCENES["rough ground"](), device)
+    mvr, ivir = (measurement.error(method, 40) for method in (MVR, IVIR))
+    print(mvr, ivir)
+    assert mvr.acne <= 0.07
+    assert ivir.acne <= 0.04
+
+
 @pytest.mark.parametrize(
     ("name", "of_mvr", "of_ivir"),
     [
         ("cube on a floor", 0.001, 0.006),
-        ("sphere on a floor", 0.001, 0.03),
-        ("coarse sphere, flat", 0.001, 0.015),
+        ("sphere on a floor", 0.001, 0.003),
+        ("coarse sphere, flat", 0.001, 0.01),
         ("coarse sphere, smooth", 0.001, 0.004),
         pytest.param("fine sphere, flat", 0.001, 0.01, marks=pytest.mark.slow),
     ],

@@ -18,7 +18,7 @@ from ..sampling import light_samples, sample_weights
 from ..scene import Light, LightShape
 from ..settings import MAX_TAPS, Settings
 from ..views import Face, light_axes
-from .resolve import LOOKED_UP_VIEWS, RESOLVE
+from .resolve import LOOKED_UP_VIEWS, RESOLVE, TOLERANCES
 from .shadow_maps import DepthMaps
 
 GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
@@ -46,7 +46,7 @@ PERCENTAGE_CLOSER = replace(
         ),
     },
     flags={name: text for name, text in RESOLVE.flags.items() if name not in _OF_SPLATTED_MAPS},
-    defines={**RESOLVE.defines, "MAX_TAPS": MAX_TAPS},
+    defines={**{name: number for name, number in RESOLVE.defines.items() if name not in TOLERANCES}, "MAX_TAPS": MAX_TAPS},
 )
 
 

@@ -32,6 +32,25 @@ TURN_DEFINES = {"LATE_FACES": LATE_FACES, "FIRST_FACE": FIRST_FACE, "LAST_FACE":
 """What RESOLVE knows of a tile's turn in a round: faces before this one that count as they did before, as lit or as dark, and whether it
 begins or ends the round's sums."""
 
+TOLERANCES: dict[str, int | float] = {
+    # What is stored deeper than the receiver by more does not hide it: within a texel the receiver's own plane runs no deeper, up to 70
+    # degrees from facing the light, and what lies beyond a silhouette is another surface.
+    "MAX_DEEPER_FOOTPRINTS": 2.0,
+    # What stands nearer than the receiver by more may be something else, although the plane of one seen edge-on passes before it.
+    "MAX_NEARER_FOOTPRINTS": 8.0,
+    # What stands before the receiver by less may touch it within a texel: so steep are walls that are told from outlines.
+    "CONTACT_FOOTPRINTS": 16.0,
+    # Rasterizers round corners to 256ths of a texel, which moves a plane by at most sqrt(2) of these.
+    "COPLANAR_FOOTPRINTS": 1 / 128,
+    # How high above the tangent plane a stored point may lie and still be the receiver: curvature, as an angle, ...
+    "BIAS_ANGLE": 1 / 32,
+    # ... planes of facets that points carry past the facets' edges, half a texel, ...
+    "POINT_BIAS_FOOTPRINTS": 1 / 4,
+    # ... and facets of about a texel: the same folds.
+    "RASTER_BIAS_FOOTPRINTS": 1 / 8,
+}
+"""of a look-up. Where they come from: docs/passes.md; what each costs: the benchmark `tolerances`"""
+
 RESOLVE = ComputeDeclaration(
     name="resolve",
     text="looks visible surfaces up in the maps of a batch and accumulates the pass",
@@ -70,7 +89,7 @@ RESOLVE = ComputeDeclaration(
         **PROBES_FLAG,
         **MIXED_MAPS_FLAG,
     },
-    defines={**TILE_DEFINES, **TURN_DEFINES, **SETTLED_DEFINES},
+    defines={**TILE_DEFINES, **TURN_DEFINES, **SETTLED_DEFINES, **TOLERANCES},
 )
 
 DELIVERED_FLAGS = ("ORTHOGRAPHIC", "OMNI", "SPHERE", "CONE")
