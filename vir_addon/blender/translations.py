@@ -43,6 +43,7 @@ _GERMAN = {
     "March": "Schrittweise",
     "Direction": "Richtung",
     "Cubes": "Würfel",
+    "Passes per Reflector": "Pässe je Spiegel",
     "Multiview (mvr)": "Viele Ansichten (mvr)",
     "Points (ivir)": "Punkte (ivir)",
     "Eye-based Points (epr)": "Punkte vom Auge aus (epr)",
@@ -167,6 +168,7 @@ _GERMAN = {
     "As if all were infinitely far away, as published: things slide. To compare with": (
         "Als wäre alles unendlich weit weg, wie veröffentlicht: Dinge verrutschen. Zum Vergleich"
     ),
+    "A pair of reflection passes of each reflecting object besides": "Dazu zwei Spiegelungspässe für jedes spiegelnde Objekt",
     "How cubes of what reflectors show are made": "Wie die Würfel entstehen mit dem, was Spiegel zeigen",
     "Whichever is quicker in the scene": "Was in der Szene schneller ist",
     "The rasterizer draws the scene for every face of every reflector's cube": (
