@@ -35,7 +35,10 @@ void main() {
     if (place >= triangle_capacity) {
         return;
     }
-    imageAtomicAdd(block_counts, linear_texel(block_of(corners[0].xyz)), 1u);
+    // handed on: another kernel may round it differently, and would then put more into a block than was counted
+    int block = block_of(corners[0].xyz);
+    corners[1].w = float(block);
+    imageAtomicAdd(block_counts, linear_texel(block), 1u);
     for (int i = 0; i < 3; i++) {
         imageStore(kept_triangles, linear_texel(3 * place + i), corners[i]);
     }

@@ -2,7 +2,6 @@
 #include "lib/linear_texel.glsl"
 #include "lib/linear_invocation.glsl"
 #include "lib/integer_halves.glsl"
-#include "lib/small_triangles.glsl"
 
 void main() {
     int index = linear_invocation();
@@ -11,9 +10,9 @@ void main() {
     }
     vec4 corners[3];
     for (int i = 0; i < 3; i++) {
-        corners[i] = texelFetch(gathered_triangles, linear_texel(3 * index + i), 0);
+        corners[i] = texelFetch(kept_triangles, linear_texel(3 * index + i), 0);
     }
-    ivec2 block = linear_texel(block_of(corners[0].xyz));
+    ivec2 block = linear_texel(int(corners[1].w));
     int place = integer_of(texelFetch(block_starts, block, 0).xy) + int(imageAtomicAdd(block_counts, block, 1u));
     for (int i = 0; i < 3; i++) {
         imageStore(ordered_triangles, linear_texel(3 * place + i), corners[i]);

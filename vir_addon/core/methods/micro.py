@@ -196,12 +196,12 @@ class MicroTriangleRasterization(ReplayMethod):
             if kept_count > capacity:
                 return
             self.triangles.replace_by(kept)
-            self._order(kept_count, block_counts, batch)
+            self._order(kept_count, block_counts)
         self._gathered = _Portion(0, self.work.group_count, kept_count)
         self._portions = [self._gathered]
         self.kept_count = kept_count
 
-    def _order(self, count: int, block_counts: Texture, batch: dict[str, Any]) -> None:
+    def _order(self, count: int, block_counts: Texture) -> None:
         """The list in an order in which neighbours in the maps follow each other, and no longer than it is."""
         counts = self.device.read(block_counts).ravel().astype(np.int64)
         self.device.fill(block_counts, 0)
@@ -210,15 +210,13 @@ class MicroTriangleRasterization(ReplayMethod):
             starts[:, :2] = split_integers(np.cumsum(counts) - counts)
             block_starts = temporary.own(self.device.upload_array(starts))
             ordered = temporary.own(LinearStore(self.device, max(TEXELS_PER_TRIANGLE * count, 1)))
-            self.device.compute_kernel(ORDER_TRIANGLES, *self.flags).dispatch_linear(
+            self.device.compute_kernel(ORDER_TRIANGLES).dispatch_linear(
                 count,
-                gathered_triangles=self.triangles.texture,
+                kept_triangles=self.triangles.texture,
                 ordered_triangles=ordered.texture,
                 block_starts=block_starts,
                 block_counts=block_counts,
                 triangle_count=count,
-                views=batch["views"],
-                face=batch["face"],
             )
             self.triangles.replace_by(ordered)
 

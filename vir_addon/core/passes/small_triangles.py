@@ -25,6 +25,7 @@ SMALL_EXTENT_TEXELS = 11.0
 """Edge functions of corners in 256ths of a texel stay below 2^24, which float32 holds exactly."""
 BLOCK_TEXELS = 16
 """each way, of the parts of a map that the list is ordered by"""
+KEPT_TRIANGLES_TEXT = f"{GATHERED_TRIANGLES_TEXT}; of second corners the block of texels that the first one is in"
 BLOCK_COUNTS_TEXT = "device array: small triangles of each block of texels of the batch's first map"
 
 GATHER_TRIANGLES = ComputeDeclaration(
@@ -61,7 +62,7 @@ KEEP_SEEN_TRIANGLES = ComputeDeclaration(
     },
     images={
         "counters": Stored("R32UI", "atomic", "texel 0: triangles kept"),
-        "kept_triangles": Stored("RGBA32F", "write", GATHERED_TRIANGLES_TEXT),
+        "kept_triangles": Stored("RGBA32F", "write", KEPT_TRIANGLES_TEXT),
         "block_counts": Stored("R32UI", "atomic", BLOCK_COUNTS_TEXT),
     },
     constants={
@@ -80,17 +81,14 @@ ORDER_TRIANGLES = ComputeDeclaration(
     source="order_triangles.comp.glsl",
     local_size=(WORK_GROUP_SIZE, 1, 1),
     textures={
-        "gathered_triangles": Sampled("sampler2D", GATHERED_TRIANGLES_TEXT),
+        "kept_triangles": Sampled("sampler2D", KEPT_TRIANGLES_TEXT),
         "block_starts": Sampled("sampler2D", "device array: where in the new list each block's triangles begin, in halves"),
     },
     images={
-        "ordered_triangles": Stored("RGBA32F", "write", GATHERED_TRIANGLES_TEXT),
+        "ordered_triangles": Stored("RGBA32F", "write", KEPT_TRIANGLES_TEXT),
         "block_counts": Stored("R32UI", "atomic", BLOCK_COUNTS_TEXT),
     },
     constants={"triangle_count": Constant("int", "small triangles in the list")},
-    tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
-    flags={**ORTHOGRAPHIC_FLAG, "FRONT_FACE": FRONT_FACE},
-    defines={"BLOCK_TEXELS": BLOCK_TEXELS},
 )
 
 COPY_TEXELS = ComputeDeclaration(
