@@ -8,6 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from vir_addon import blender  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.blender import properties, translations  # noqa: E402
 
 
 def blender_state() -> dict[str, object]:
@@ -49,6 +50,27 @@ def test_on_and_off_twice_leaves_nothing_behind():
 
 def test_off_without_on_is_harmless():
     before = blender_state()
+    blender.unregister()
+    assert blender_state() == before
+
+
+@pytest.mark.parametrize("failing", [translations, properties])
+def test_what_fails_halfway_leaves_nothing_behind(monkeypatch, failing):
+    """As where a class of an older version is still there."""
+    before = blender_state()
+
+    def refuse(*_):
+        raise ValueError("already registered")
+
+    with monkeypatch.context() as patch:
+        if failing is translations:
+            patch.setattr(translations, "register", refuse)
+        else:
+            patch.setattr(properties, "CLASSES", (*properties.CLASSES[:1], type("Refused", (), {})))
+        with pytest.raises((ValueError, RuntimeError)):
+            blender.register()
+    assert blender_state() == before
+    blender.register()
     blender.unregister()
     assert blender_state() == before
 

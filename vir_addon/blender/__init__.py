@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 import bpy
@@ -14,41 +15,39 @@ CLI_COMMAND = "vir"
 
 CLASSES = (*operators.CLASSES, *presets.CLASSES, *panels.CLASSES, *interface.CLASSES)
 
-_handles: list[Any] = []
-"""what `unregister` gives back"""
+_registered = contextlib.ExitStack()
+"""what `unregister` undoes"""
 
 
 def register() -> None:
-    """Called by Blender when the extension is enabled. Touches no GPU: in background that would break Blender."""
-    properties.register()
-    for registered in CLASSES:
-        bpy.utils.register_class(registered)
-    bpy.utils.register_preset_path(presets.search_path())
-    bpy.app.handlers.load_pre.append(_forget_file)
-    devices.register()
-    frame_hook.register()
-    interface.register()
-    translations.register()
-    _handles.append(bpy.utils.register_cli_command(CLI_COMMAND, run_command))
+    """Called by Blender when the extension is enabled. Touches no GPU: in background that would break Blender.
+
+    Where it fails nothing is left behind: Blender does not call `unregister` then.
+    """
+    with contextlib.ExitStack() as undone:
+        properties.register()
+        undone.callback(properties.unregister)
+        for registered in CLASSES:
+            bpy.utils.register_class(registered)
+            undone.callback(bpy.utils.unregister_class, registered)
+        devices.register()
+        undone.callback(devices.unregister)
+        undone.callback(frame_state.forget_all)
+        bpy.utils.register_preset_path(presets.search_path())
+        undone.callback(bpy.utils.unregister_preset_path, presets.search_path())
+        bpy.app.handlers.load_pre.append(_forget_file)
+        undone.callback(bpy.app.handlers.load_pre.remove, _forget_file)
+        for part in (frame_hook, interface, translations):
+            part.register()
+            undone.callback(part.unregister)
+        undone.callback(operators.end_modal)
+        undone.callback(bpy.utils.unregister_cli_command, bpy.utils.register_cli_command(CLI_COMMAND, run_command))
+        _registered.enter_context(undone.pop_all())
 
 
 def unregister() -> None:
-    """Called by Blender when the extension is disabled. Undoes `register` in reverse."""
-    if not _handles:
-        return
-    while _handles:
-        bpy.utils.unregister_cli_command(_handles.pop())
-    operators.end_modal()
-    translations.unregister()
-    interface.unregister()
-    frame_hook.unregister()
-    bpy.app.handlers.load_pre.remove(_forget_file)
-    bpy.utils.unregister_preset_path(presets.search_path())
-    frame_state.forget_all()
-    devices.unregister()
-    for registered in reversed(CLASSES):
-        bpy.utils.unregister_class(registered)
-    properties.unregister()
+    """Called by Blender when the extension is disabled. Undoes `register` in reverse, all of it even where some fails."""
+    _registered.close()
 
 
 @bpy.app.handlers.persistent

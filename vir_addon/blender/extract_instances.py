@@ -23,7 +23,7 @@ from .material_opacity import MaterialOpacity, MaterialReader
 from .material_surface import SurfaceReader
 from .mesh_cache import MeshCache, ReadMesh
 from .mesh_parts import MeshPart, split_mesh
-from .properties import REFLECTOR_PROPERTY
+from .properties import reflector_mark
 
 PERSISTENT_ID_LENGTH = 8
 _NO_MATRIX_BUFFER = bpy.app.version < (5, 0, 0)
@@ -84,7 +84,7 @@ class ObjectTable:
             visible_to_camera=evaluated.visible_camera,
             visible_to_shadow=evaluated.visible_shadow,
             visible_to_glossy=evaluated.visible_glossy,
-            reflector_mark=_reflector_mark(original),
+            reflector_mark=reflector_mark(original),
             is_holdout=is_holdout,
             is_indirect_only=not is_holdout and evaluated.indirect_only_get(view_layer=self.view_layer),
             hide_render=evaluated.hide_render or original.session_uid in self._hidden_uids,
@@ -304,11 +304,6 @@ class SurfaceRows:
     @property
     def material_sets(self) -> tuple[tuple[int, ...], ...]:
         return tuple(self._index_of_set)
-
-
-def _reflector_mark(original: bpy.types.Object) -> int:
-    mark = original.get(REFLECTOR_PROPERTY)
-    return int(mark != 0) if isinstance(mark, (int, float)) else -1
 
 
 _NO_PERSISTENT_ID = (0,) * PERSISTENT_ID_LENGTH

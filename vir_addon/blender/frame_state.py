@@ -23,7 +23,7 @@ class SceneState:
     plans: dict[str, dict[str, PlannedPass]] = field(default_factory=dict)
     """view layer name -> light name -> what the plan decided"""
     reflectors: dict[str, tuple[bool, str]] = field(default_factory=dict)
-    """object name -> whether it is drawn, and how or why not"""
+    """object name -> whether it is drawn, in any view layer, and how or why not"""
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     """one sentence an object"""
@@ -92,7 +92,8 @@ def _add_plan(state: SceneState, layer_name: str, job: LayerJob) -> None:
     if job.plan.reflections is not None:
         for reflector in job.plan.reflections.lines:
             how = f"{reflector.method_text}: {reflector.reason}" if reflector.runs and reflector.method_text else reflector.reason
-            state.reflectors[reflector.name] = (reflector.runs, how)
+            if reflector.runs or reflector.name not in state.reflectors:
+                state.reflectors[reflector.name] = (reflector.runs, how)
     state.notes = tuple(dict.fromkeys((*state.notes, *job.plan.notes)))
     state.left_out = tuple(sorted({*state.left_out, *(f"{item.object_name}: {item.reason}" for item in job.snapshot.left_out)}))
 

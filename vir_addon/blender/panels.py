@@ -15,7 +15,7 @@ from .frame_state import SceneState, decision_text, state_of
 from .job import SURFACE_TYPES
 from .operators import reason_against_rendering
 from .presets import VIR_PT_presets
-from .properties import REFLECTOR_PROPERTY, is_newer, settings_of
+from .properties import is_newer, reflector_mark, settings_of
 
 LIGHT_ICONS = {"AREA": "LIGHT_AREA", "SUN": "LIGHT_SUN", "POINT": "LIGHT_POINT", "SPOT": "LIGHT_SPOT"}
 LETTER_WIDTH_PX = 6.5
@@ -77,7 +77,7 @@ class VIR_UL_reflectors(bpy.types.UIList):
 
 def reflector_names(scene: bpy.types.Scene) -> set[str]:
     """Of the scene's objects that have a row in the list of reflectors."""
-    marked = {item.name for item in scene.objects if REFLECTOR_PROPERTY in item}
+    marked = {item.name for item in scene.objects if reflector_mark(item) >= 0}
     return marked | (state_of(scene).reflectors.keys() & set(scene.objects.keys()))
 
 

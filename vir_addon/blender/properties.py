@@ -7,6 +7,7 @@ saved, and brought up to date when it is opened, appended or linked.
 
 from __future__ import annotations
 
+import contextlib
 import traceback
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -401,9 +402,14 @@ _REFLECTOR_ITEMS = (
 )
 
 
+def reflector_mark(item: bpy.types.Object) -> int:
+    """1 a reflector, 0 none, -1 what the materials say. Anything but a number is not of the artist's making and says nothing."""
+    mark = item.get(REFLECTOR_PROPERTY)
+    return int(mark != 0) if isinstance(mark, (int, float)) else -1
+
+
 def _get_reflector(group: VIR_ObjectSettings) -> int:
-    marked = group.id_data.get(REFLECTOR_PROPERTY)
-    return 0 if marked is None else 2 if marked else 1
+    return reflector_mark(group.id_data) + 1
 
 
 def _set_reflector(group: VIR_ObjectSettings, number: int) -> None:
@@ -431,8 +437,12 @@ _OWNERS: dict[Any, type] = {bpy.types.Scene: VIR_SceneSettings, bpy.types.Light:
 
 
 def register() -> None:
-    for group_class in CLASSES:
-        bpy.utils.register_class(group_class)
+    """All of it or, where a class is refused, nothing."""
+    with contextlib.ExitStack() as undone:
+        for group_class in CLASSES:
+            bpy.utils.register_class(group_class)
+            undone.callback(bpy.utils.unregister_class, group_class)
+        undone.pop_all()
     for owner, owned_class in _OWNERS.items():
         owner.vir = bpy.props.PointerProperty(type=owned_class, name="VIR", description="Settings of VIR's passes")
     bpy.app.handlers.load_post.append(_bring_up_to_date)
