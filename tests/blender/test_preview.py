@@ -255,6 +255,39 @@ def test_steps_that_take_too_long_make_it_coarser_and_time_left_finer(preview):
     assert preview.picture.size[0] == SIZE[0] // 8
 
 
+def test_a_step_that_is_slow_by_chance_does_not_make_it_coarse_for_ever(preview):
+    def be_slow() -> None:
+        preview.render.slowest_step_ms = 2e3 * FOREVER_S
+        preview.advance(bpy.context.evaluated_depsgraph_get(), SETTINGS, FOREVER_S)
+        assert preview.level_index == 1
+        finish(preview)
+
+    finish(preview)
+    be_slow()
+    assert preview.level_index == 0
+    be_slow()
+    assert preview.level_index == 1
+    bpy.data.objects["Key"].location.x = -3.0
+    finish(preview)
+    assert preview.level_index == 1
+    # it may have been this that took long
+    bpy.data.objects.remove(bpy.data.objects["Cube"])
+    finish(preview)
+    assert preview.level_index == 0
+
+
+def test_a_reading_that_fails_is_not_taken_for_the_one_before(preview, device, monkeypatch):
+    finish(preview)
+    with monkeypatch.context() as patch:
+        patch.setattr("vir_addon.blender.extract.place_light", lambda *_: 1 / 0)
+        bpy.data.objects["Key"].location.x = -3.0
+        with pytest.raises(ZeroDivisionError):
+            finish(preview)
+    preview.look(view_from(3.0))
+    finish(preview)
+    check(preview, device, view_from(3.0))
+
+
 def test_a_reference_to_compare_with(preview):
     """Of a view that was finished, for as long as it is looked at."""
 

@@ -10,6 +10,7 @@ bpy = pytest.importorskip("bpy")
 from vir_addon import blender  # noqa: E402  (bpy decides whether this file runs)
 from vir_addon.blender import frame_state  # noqa: E402
 from vir_addon.blender.preview import running  # noqa: E402
+from vir_addon.core.errors import UsageError  # noqa: E402
 
 
 @pytest.fixture
@@ -175,24 +176,123 @@ def test_a_problem_is_said_and_mended(scene, viewport):
     assert "8 of 8 views" in viewport.texts[-1] and viewport.pictures
 
 
-def test_a_lost_device_is_said_and_nothing_is_tried_again(scene, viewport, monkeypatch, capsys):
+def test_a_lost_device_is_said_and_another_one_opened_when_something_changes(scene, viewport, monkeypatch, capsys):
     switch_on(scene, viewport)
     (shown,) = running._running.viewports.values()
-    tries = []
+    device, tries = shown.preview.render.device, []
 
     def lost(*_):
         tries.append(1)
         raise RuntimeError("the GPU is gone")
 
     monkeypatch.setattr(shown.preview.render, "_step", lost)
+    monkeypatch.setattr(shown.preview.render, "close", lost)
     bpy.data.objects["Key"].location.x = 3.0
     bpy.context.view_layer.update()
     for _ in range(5):
         tick()
-    assert tries == [1]
+    assert tries == [1, 1]
     viewport.draw()
     assert "the GPU is gone" in viewport.texts[-1]
     assert "the GPU is gone" in capsys.readouterr().err
+    scene.vir.use_preview = False
+    viewport.draw()
+    tick()
+    switch_on(scene, viewport)
+    (shown,) = running._running.viewports.values()
+    assert "8 of 8 views" in viewport.texts[-1] and shown.preview.render.device is not device
+    device.close()
+
+
+def test_what_the_scene_is_refused_for_costs_no_device(scene, viewport, monkeypatch):
+    switch_on(scene, viewport)
+    (shown,) = running._running.viewports.values()
+    preview = shown.preview
+
+    def refuse(*_):
+        raise UsageError("too much")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(preview.render, "_step", refuse)
+        bpy.data.objects["Key"].location.x = 3.0
+        bpy.context.view_layer.update()
+        tick_until_idle()
+    assert shown.problem == "too much" and shown.preview is preview
+
+
+def test_a_preview_that_cannot_be_closed_goes_all_the_same(scene, viewport, monkeypatch, capsys):
+    switch_on(scene, viewport)
+    (shown,) = running._running.viewports.values()
+    closing = shown.preview.close
+
+    def close():
+        closing()
+        raise RuntimeError("nothing can be released")
+
+    monkeypatch.setattr(shown.preview, "close", close)
+    running.stop()
+    assert is_at_work() == {False} and "nothing can be released" in capsys.readouterr().err
+
+
+def test_redraws_are_timed_without_what_blender_does_besides(scene, viewport, monkeypatch):
+    clock = SimpleNamespace(now_s=1e3)
+    monkeypatch.setattr(running, "time", SimpleNamespace(perf_counter=lambda: clock.now_s))
+    scene.vir.use_preview = True
+    viewport.draw()
+    assert tick() != running.IDLE_S
+    timed = []
+    for wait_s in (0.05, 60.0):
+        while not running._running.is_redraw_timed:
+            clock.now_s += 10.0
+            (shown,) = running._running.viewports.values()
+            shown.is_outdated = True
+            bpy.data.objects["Key"].location.x += 0.1
+            bpy.context.view_layer.update()
+            tick()
+        clock.now_s += wait_s
+        tick()
+        timed.append(running._running.redraw_s)
+    assert timed == pytest.approx([0.05, running.LONGEST_REDRAW_S])
+    # after the last one nothing is due soon
+    tick_until_idle()
+    before = running._running.redraw_s
+    clock.now_s += running.IDLE_S
+    tick()
+    assert running._running.redraw_s == before
+    running.stop()
+    assert running._running.redraw_s == 0.0
+
+
+def test_it_says_that_the_scene_is_read_and_shows_what_was_before(scene, viewport, monkeypatch):
+    switch_on(scene, viewport)
+    bpy.data.objects["Cube"].location.x = 1.0
+    bpy.context.view_layer.update()
+    drawn = len(viewport.pictures)
+    viewport.draw()
+    assert "reading the scene" in viewport.texts[-1] and "of before" in viewport.texts[-1]
+    assert len(viewport.pictures) == drawn + 1
+    tick_until_idle()
+    viewport.draw()
+    assert "8 of 8 views" in viewport.texts[-1]
+
+
+@pytest.mark.parametrize(
+    ("shown", "light_name", "use_reflections", "said"),
+    [
+        ("ALL", "Key", False, "this light has no pass to show"),
+        ("ALL", "Key", True, "this light has no pass to show, and nothing reflects"),
+        ("REFLECTION", None, True, "nothing reflects"),
+    ],
+)
+def test_why_there_is_nothing_to_show(scene, viewport, add, shown, light_name, use_reflections, said):
+    add.light("Other", location=(2, -1, 5), data={"size": 1.0})
+    bpy.data.objects["Key"].data.use_shadow = False
+    scene.vir.use_reflections, scene.vir.preview_pass = use_reflections, shown
+    if light_name:
+        scene.vir.preview_light = light_name
+    bpy.context.view_layer.update()
+    switch_on(scene, viewport)
+    assert viewport.texts[-1] == f"VIR: {said}"
 
 
 def test_it_waits_while_passes_are_rendered(scene, viewport, monkeypatch):

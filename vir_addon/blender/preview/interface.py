@@ -21,8 +21,8 @@ class VIR_OT_preview(bpy.types.Operator):
         if bpy.app.background:
             cls.poll_message_set("There is no viewport in background")
             return False
-        if bpy.app.version < (5, 2, 0):
-            cls.poll_message_set("The preview needs Blender 5.2")
+        if reason := running.unavailable():
+            cls.poll_message_set(reason)
             return False
         return context.scene is not None
 
@@ -41,14 +41,17 @@ class VIR_PT_preview(bpy.types.Panel):
     bl_category = "VIR"
 
     def draw_header(self, context: bpy.types.Context) -> None:
+        self.layout.enabled = not running.unavailable()
         self.layout.prop(context.scene.vir, "use_preview", text="")
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, wishes = self.layout, context.scene.vir
         layout.use_property_split = True
         layout.use_property_decorate = False
+        if reason := running.unavailable():
+            layout.label(text=reason, icon="INFO")
         column = layout.column()
-        column.active = wishes.use_preview
+        column.active, column.enabled = wishes.use_preview, not running.unavailable()
         column.prop(wishes, "preview_pass")
         row = column.row()
         row.active = wishes.preview_pass in ("ALL", "SHADOW")
@@ -69,7 +72,10 @@ def _draw_in_overlays(self: Any, context: bpy.types.Context) -> None:
     column = self.layout.column()
     column.active = context.space_data.overlay.show_overlays
     column.label(text="VIR")
+    if reason := running.unavailable():
+        column.label(text=reason, icon="INFO")
     row = column.row()
+    row.enabled = not running.unavailable()
     row.prop(context.scene.vir, "use_preview", text="Passes")
     row.prop(context.scene.vir, "preview_pass", text="")
     row.prop(context.scene.vir, "preview_display", text="")

@@ -6,7 +6,6 @@ matter who turns it, a button, undoing or opening a file. What lives here goes w
 
 from __future__ import annotations
 
-import contextlib
 import time
 import traceback
 from collections.abc import Callable
@@ -17,7 +16,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...core.errors import DeviceError, VirError
+from ...core.errors import SceneError, UsageError, VirError
 from ...core.picture import Choice
 from ...core.picture import Shown as ShownPasses
 from ...core.settings import Settings
@@ -38,6 +37,8 @@ IDLE_S = 0.5
 
 REDRAW_PAUSE = 3.0
 """times as long as a redraw took, until the next one is asked for"""
+LONGEST_REDRAW_S = 0.3
+"""Blender may have done something else meanwhile"""
 
 LayerKey = tuple[int, str]
 """session_uid of a scene, name of a view layer"""
@@ -58,6 +59,13 @@ class Shown:
     stuck_settings: Settings | None = None
     is_outdated: bool = False
     """there is something that was not drawn yet"""
+    says_reading: bool = False
+    """that the scene is being read"""
+
+    @property
+    def is_reading(self) -> bool:
+        """What is drawn is of an earlier state of the scene."""
+        return self.preview is None or self.preview.must_read or self.preview.is_reading
 
     @property
     def is_busy(self) -> bool:
@@ -84,8 +92,8 @@ class _Running:
     asked_s: float = 0.0
     """when the last one was, as `time.perf_counter` counts"""
     tick_end_s: float = 0.0
-    has_asked: bool = False
-    """for a redraw in the last tick"""
+    is_redraw_timed: bool = False
+    """a redraw was asked for in the last tick, and the next one was to come right after it"""
     is_in_tick: bool = False
     is_woken: bool = False
 
@@ -118,6 +126,8 @@ def stop() -> None:
     if _running.executor is not None:
         _running.executor.shutdown(wait=False, cancel_futures=True)
     _running.executor = _running.overlay = None
+    _running.redraw_s = _running.asked_s = 0.0
+    _running.is_redraw_timed = False
 
 
 def _start() -> None:
@@ -141,10 +151,20 @@ def _wake() -> None:
 
 def _forget(address: int) -> None:
     shown = _running.viewports.pop(address, None)
-    if shown is not None and shown.preview is not None:
-        shown.preview.close()
+    if shown is not None:
+        _close(shown)
     used = {each.layer for each in _running.viewports.values()}
     _running.caches = {layer: cache for layer, cache in _running.caches.items() if layer in used}
+
+
+def _close(shown: Shown) -> None:
+    """Its preview. A device that was lost may not even release."""
+    preview, shown.preview = shown.preview, None
+    if preview is not None:
+        try:
+            preview.close()
+        except Exception as error:
+            traceback.print_exception(error)
 
 
 # drawing
@@ -191,6 +211,7 @@ def _draw_region(context: bpy.types.Context) -> None:
         if _running.overlay is None:
             _running.overlay = Overlay()
         _running.overlay.draw(preview.picture, display, preview.reference)
+    shown.says_reading = shown.is_reading
     draw_text(context, status_text(shown))
 
 
@@ -226,17 +247,27 @@ def status_text(shown: Shown) -> str:
     """What a viewport says of its preview."""
     if shown.problem:
         return f"VIR: {shown.problem}"
-    if shown.preview is None or shown.preview.render.plan is None:
-        return "VIR: reading the scene"
+    if shown.preview is None or shown.is_reading:
+        is_old = shown.preview is not None and shown.preview.picture is not None
+        return f"VIR: reading the scene{', the picture is of before' if is_old else ''}"
     standing = shown.preview.render.standing
     if not standing.views_total:
         return "VIR: preparing" if not shown.preview.is_done else "VIR: no light has a pass to show"
     if shown.preview.is_done and shown.preview.picture is None:
-        return f"VIR: {'nothing reflects' if shown.preview.render.choice.shown.has_reflections else 'this light has no pass to show'}"
+        return f"VIR: {_why_empty(shown.preview)}"
     error = f"error {standing.error_estimate:.3f}" if standing.error_estimate < 1 else "error unknown"
     size = shown.preview.level.pixel_size
     coarse = f", 1/{size} resolution" if size > 1 else ""
     return f"VIR: {standing.views_done} of {standing.views_total} views, {error}, {standing.busy_ms:.0f} ms{coarse}"
+
+
+def _why_empty(preview: ViewportPreview) -> str:
+    choice, render_plan = preview.render.choice, preview.render.plan
+    without_light = "this light has no pass to show" if choice.light_name else "no light has a pass to show"
+    if not choice.shown.has_shadows:
+        return "nothing reflects"
+    has_reflections = choice.shown.has_reflections and render_plan is not None and render_plan.reflections is not None
+    return f"{without_light}, and nothing reflects" if has_reflections else without_light
 
 
 # time
@@ -244,9 +275,10 @@ def status_text(shown: Shown) -> str:
 
 def _tick() -> float | None:
     """A slice for one viewport that has something to do. When to come again, None: never."""
-    if _running.has_asked:
-        _running.redraw_s = time.perf_counter() - _running.tick_end_s
-    _running.is_in_tick, _running.is_woken, _running.has_asked = True, False, False
+    if _running.is_redraw_timed:
+        _running.redraw_s = min(time.perf_counter() - _running.tick_end_s, LONGEST_REDRAW_S)
+    _running.is_in_tick, _running.is_woken, _running.is_redraw_timed = True, False, False
+    start_s = time.perf_counter()
     try:
         interval_s = _serve_next()
     finally:
@@ -254,7 +286,9 @@ def _tick() -> float | None:
     if not _running.viewports:
         stop()
         return None
-    return 0.0 if _running.is_woken else interval_s
+    interval_s = 0.0 if _running.is_woken else interval_s
+    _running.is_redraw_timed = _running.asked_s >= start_s and interval_s < IDLE_S
+    return interval_s
 
 
 def _serve_next() -> float:
@@ -271,6 +305,7 @@ def _serve_next() -> float:
     for address in served:
         if address in _running.viewports:
             _serve(address, _running.viewports[address], regions[address])
+    _ask_for_redraws(regions)
     left = [shown for shown in _running.viewports.values() if shown.is_busy]
     if not left:
         return IDLE_S
@@ -290,23 +325,28 @@ def _serve(address: int, shown: Shown, region: bpy.types.Region) -> None:
     except Exception as error:
         has_changed = False
         _give_up(shown, error)
-    shown.is_outdated |= has_changed or shown.problem != before
+    shown.is_outdated |= has_changed or shown.problem != before or (shown.says_reading and not shown.is_reading)
+    shown.says_reading &= shown.is_reading
+
+
+def _ask_for_redraws(regions: dict[int, bpy.types.Region]) -> None:
     # where drawing takes long, most of the time would go into pictures that differ little
     is_due = time.perf_counter() - _running.asked_s > REDRAW_PAUSE * _running.redraw_s
-    if shown.is_outdated and (is_due or not shown.is_busy):
-        region.tag_redraw()
-        shown.is_outdated, _running.has_asked, _running.asked_s = False, True, time.perf_counter()
+    for address, shown in _running.viewports.items():
+        if shown.is_outdated and (is_due or not shown.is_busy):
+            regions[address].tag_redraw()
+            shown.is_outdated, _running.asked_s = False, time.perf_counter()
 
 
 def _give_up(shown: Shown, error: Exception) -> None:
     """Until something changes."""
     shown.problem = _problem_text(error, shown.problem)
     shown.is_stuck = True
-    if shown.preview is not None and isinstance(error, DeviceError):
-        devices.drop_device(shown.preview.render.device)
-        with contextlib.suppress(Exception):
-            shown.preview.close()
-        shown.preview = None
+    if shown.preview is None or isinstance(error, UsageError | SceneError) or shown.preview.must_read:
+        return
+    # not in reading: the device may be lost, and stays so
+    devices.drop_device(shown.preview.render.device)
+    _close(shown)
 
 
 def _problem_text(error: Exception, told: str) -> str:
@@ -319,7 +359,14 @@ def _problem_text(error: Exception, told: str) -> str:
     return text
 
 
+def unavailable() -> str:
+    """Why there cannot be a preview, in words for the artist; empty if there can."""
+    return "The preview needs Blender 5.2" if bpy.app.version < (5, 2, 0) else ""
+
+
 def _advance(shown: Shown, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> bool:
+    if reason := unavailable():  # a file of a newer Blender may have it switched on
+        raise UsageError(reason)
     settings = settings_of(scene)
     if shown.is_stuck and settings == shown.stuck_settings:
         return False

@@ -29,6 +29,9 @@ from ..viewport_view import ViewportView
 ROOM_SHARE = 0.25
 """Steps that take less of the budget leave room for a finer level, whose steps take up to four times as long."""
 
+SLOW_TRIES = 2
+"""A level that was too slow so often is not tried again: once it may have been another program."""
+
 
 @dataclass(frozen=True)
 class Level:
@@ -92,8 +95,8 @@ class ViewportPreview:
         self.read_ms = 0.0
         """that reading the scene took last, of the main thread's time"""
         self.level_index = FIRST_LEVEL_OF_SOFTWARE if device.is_software else FIRST_LEVEL
-        self._finest_index = 0
-        """levels before this one were found too slow"""
+        self._slow_counts = [0] * len(LEVELS)
+        """how often a step of each level was found too slow"""
         self.must_read = True
         """the scene, when it is next given time"""
         self._reading: _Reading | None = None
@@ -150,7 +153,7 @@ class ViewportPreview:
             self._surfaces = None
 
     def advance(self, depsgraph: bpy.types.Depsgraph, settings: Settings, budget_s: float) -> bool:
-        """Work for about so long; whether there is another picture. Raises VirError, after which nothing is done until something changes.
+        """Work for about so long; whether there is another picture. Raises VirError, to be called again when something has changed.
 
         depsgraph: evaluated, of the viewport
         """
@@ -159,7 +162,8 @@ class ViewportPreview:
             return False
         settings = replace(settings, effects=self._wanted_effects(settings))
         if (settings, budget_s) != (self._wanted, self._budget_s):
-            self._wanted, self._budget_s, self._finest_index, self._read_view = settings, budget_s, 0, None
+            self._wanted, self._budget_s, self._read_view = settings, budget_s, None
+            self._slow_counts = [0] * len(LEVELS)
         if self._reading is not None and not self._reading.is_of(depsgraph):
             self.note_change()
         if self.must_read or self._reading is not None or self._read_view is not self.view:
@@ -198,6 +202,9 @@ class ViewportPreview:
         taken = self._read(depsgraph, scaled, budget_s, with_materials=reflects) if must_read else before
         if taken is None:
             return
+        if before is not None and taken is not before and not has_same_surfaces(taken, before):
+            # it may have become lighter
+            self._slow_counts = [min(count, SLOW_TRIES - 1) for count in self._slow_counts]
         taken = replace(taken, camera=scaled.camera(taken.world_origin_m), width_px=scaled.width_px, height_px=scaled.height_px)
         wanted = replace(
             settings_for(self.render.device, settings),
@@ -220,7 +227,8 @@ class ViewportPreview:
             if not reading.advance(self.executor, budget_s):
                 return None
         except BaseException:
-            self._reading = None
+            # what there is of before is not what the scene looks like
+            self._reading, self.must_read = None, True
             raise
         self._reading, self._surfaces, self.read_ms = None, reading.scene.surfaces, reading.busy_ms
         return reading.scene.snapshot
@@ -228,11 +236,11 @@ class ViewportPreview:
     def _choose_level(self, budget_s: float) -> None:
         share = self.render.slowest_step_ms / (budget_s * 1e3)
         chosen = self.level_index
-        if share > 1.0 and self.level_index + 1 < len(LEVELS):
+        if share > 1.0 and chosen + 1 < len(LEVELS):
+            self._slow_counts[chosen] += 1
             chosen += 1
-            self._finest_index = chosen
-        elif self.render.is_done and share < ROOM_SHARE and self.level_index > self._finest_index and self.render.standing.views_total:
-            chosen -= 1
+        elif self.render.is_done and share < ROOM_SHARE and chosen > 0 and self.render.standing.views_total:
+            chosen -= self._slow_counts[chosen - 1] < SLOW_TRIES
         if chosen != self.level_index:
             self.level_index, self._read_view = chosen, None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...device.interface import LINEAR_TEXTURE_WIDTH, Device, Texture, TextureFormat
 from ...device.owned import Owned
-from ..errors import DeviceError
+from ..errors import UsageError
 from ..passes.small_triangles import COPY_TEXELS
 
 
@@ -23,7 +23,7 @@ class LinearStore:
     def _create(self, texel_count: int) -> None:
         rows = max(1, -(-texel_count // LINEAR_TEXTURE_WIDTH))
         if rows > self.device.max_texture_size_px:
-            raise DeviceError(f"{texel_count} texels exceed the device's largest texture; choose a smaller map resolution")
+            raise UsageError(f"{texel_count} texels exceed the device's largest texture; choose a smaller map resolution")
         self.texture: Texture = self._owned.own(self.device.create_texture(LINEAR_TEXTURE_WIDTH, rows, TextureFormat.RGBA32F))
         self.texel_count = rows * LINEAR_TEXTURE_WIDTH
 
