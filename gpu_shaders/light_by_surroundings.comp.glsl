@@ -46,7 +46,7 @@ void main() {
     } else if (!is_empty(found.texel)) {
         InstanceData instance = load_instance(int(found.texel.z));
         TriangleData triangle = load_triangle(instance, int(found.texel.w));
-        vec3 weights = vec3(1.0 - found.meeting.weights.x - found.meeting.weights.y, found.meeting.weights);
+        vec3 weights = weights_within(found.meeting);
         vec3 scaled = scaled_geometric_normal(instance, triangle);
         vec3 geometric = dot(scaled, scaled) > 0.0 ? normalize(scaled) : -direction;
         geometric *= dot(geometric, direction) > 0.0 ? -1.0 : 1.0;

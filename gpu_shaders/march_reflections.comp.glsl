@@ -22,6 +22,8 @@ void main() {
         if (found.how == REFLECTED_OUT_OF_VIEW && beside >= 0) {
             found = follow(load_map(beside), ray.xyz, direction.xyz, direction.w);
         }
+#ifndef BY_DIRECTION
+        // found by marching alone, so nothing of it is by direction
         if (beside < -1) {
             Found own = march(load_map(-2 - beside), ray.xyz, direction.xyz, OWN_SHARE * direction.w);
             bool is_before = found.how != REFLECTED_SURFACE || own.meeting.along < found.meeting.along;
@@ -29,12 +31,12 @@ void main() {
                 found = own;
             }
         }
+#endif
         surface.w = float(found.how);
         if (!is_empty(found.texel)) {
             InstanceData instance = load_instance(int(found.texel.z));
             TriangleData triangle = load_triangle(instance, int(found.texel.w));
-            vec3 weights = max(vec3(1.0 - found.meeting.weights.x - found.meeting.weights.y, found.meeting.weights), 0.0);
-            weights /= weights.x + weights.y + weights.z;
+            vec3 weights = weights_within(found.meeting);
             position = vec4(weights.x * triangle.position_ws[0] + weights.y * triangle.position_ws[1] + weights.z * triangle.position_ws[2],
                             found.texel.z);
             vec3 scaled = scaled_geometric_normal(instance, triangle);

@@ -37,6 +37,12 @@ Meeting meet(vec3 origin_ws, vec3 direction_ws, vec4 texel) {
     return meeting;
 }
 
+// Barycentric weights of the place of the triangle that is nearest to where its plane is met: planes are met beside their triangles too.
+vec3 weights_within(Meeting meeting) {
+    vec3 weights = max(vec3(1.0 - meeting.weights.x - meeting.weights.y, meeting.weights), 0.0);
+    return weights / (weights.x + weights.y + weights.z);
+}
+
 bool is_empty(vec4 texel) {
     return texel.z < 0.0;
 }

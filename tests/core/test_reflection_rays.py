@@ -9,12 +9,25 @@ import pytest
 
 from tests.core.test_reflections import box_colors, camera_rays, colored_box
 from tests.device.surface_queries import ask, scene_of, square
-from tests.scenes import floor, matte, mirror, perspective_camera, point_light, rectangle, render_passes, rmse, snapshot
-from vir_addon.core.material import BLACK, WHITE, Constant, Material, World
+from tests.scenes import (
+    bumpy_sphere,
+    floor,
+    matte,
+    mirror,
+    perspective_camera,
+    point_light,
+    prepared_renderer,
+    rectangle,
+    render_passes,
+    rmse,
+    snapshot,
+)
+from vir_addon.core.material import BLACK, WHITE, Constant, CornerValue, Layer, LayerKind, Material, World
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
 from vir_addon.core.plan import plan
 from vir_addon.core.render import render
 from vir_addon.core.sampling import shuffled_unit_square_points
+from vir_addon.core.scene import FilterShape, PixelFilter
 from vir_addon.core.settings import Effect, Settings
 from vir_addon.device.interface import TextureFormat
 
@@ -71,9 +84,9 @@ def test_shuffled_sequences_say_nothing_of_each_other():
     assert np.abs(np.corrcoef(columns.T) - np.eye(8)).max() < 0.08
 
 
-@pytest.mark.parametrize("is_wanted", [True, False])
-def test_lights_without_a_pass_light_what_reflectors_show(device, is_wanted):
-    """An artist who switches a light's shadow pass off does not switch the light off."""
+@pytest.mark.parametrize(("is_wanted", "light_names"), [(True, None), (False, None), (True, ())])
+def test_lights_without_a_pass_light_what_reflectors_show(device, is_wanted, light_names):
+    """An artist who switches a light's shadow pass off, or leaves it out, does not switch the light off."""
     light = point_light(eye=(0.5, 0.0, 2.0), radius_m=0.0, strength=10.0, strength_rgb=(12.0, 10.0, 4.0))
     camera = perspective_camera((0.0, -4.0, 1.5), (0.0, 0.0, 0.8), WIDTH, HEIGHT, 0.3)
     wall = rectangle("wall", (-2, 2, -0.5), (4, 0, 0), (0, 0, 4))
@@ -85,8 +98,47 @@ def test_lights_without_a_pass_light_what_reflectors_show(device, is_wanted):
     settings = {"effects": (Effect.REFLECTION,), "reflection_sample_count": 2, "view_count": 1}
     expected = render_passes(lit, device, **settings)[REFLECTION_PASS_NAME]
     assert expected.max() > 0.1
-    found = render_passes(switched_off, device, **settings, omni_shadows=is_wanted)[REFLECTION_PASS_NAME]
+    found = render_passes(switched_off, device, **settings, omni_shadows=is_wanted, light_names=light_names)[REFLECTION_PASS_NAME]
     np.testing.assert_array_equal(found, expected)
+
+
+def test_what_shines_in_colours_finer_than_texels_shines_no_brighter(device):
+    """Corners of random colours: no place between them is brighter than 1, whatever plane beside its triangle a ray meets."""
+    shine = bumpy_sphere("shine", (0.8, 0.6, 0.5), 0.45, 120)
+    colors = np.random.default_rng(5).uniform(0, 1, (shine.triangle_count, 3, 3)).astype(np.float32)
+    layer = Layer(LayerKind.COLOR)
+    shine = dataclasses.replace(shine, layers={layer: colors})
+    ball = bumpy_sphere("ball", (-0.2, 0, 0.5), 0.4, 24, bump_share=0.0)
+    materials = [matte((0.9, 0.9, 0.9)), dataclasses.replace(matte((0, 0, 0)), emission=CornerValue(layer)), mirror()]
+    camera = perspective_camera((-0.5, -3.0, 1.5), (0, 0, 0.4), 64, 36, 0.3)
+    scene = snapshot([floor(3.0), shine, ball], [], camera, 64, 36, materials=materials, world=World())
+    image = render_passes(scene, device, effects=(Effect.REFLECTION,), reflection_sample_count=16)[REFLECTION_PASS_NAME]
+    assert image.max() > 0.3
+    assert image.max() < 1.001
+    assert image.min() >= 0
+
+
+def test_rays_go_wherever_a_reflector_is_thinner_than_a_pixel(device):
+    """Wires of a twentieth of a pixel across the picture, which an eye sample sees here and there."""
+    width, height = 160, 90
+    camera = perspective_camera((0.0, -2.0, 0.0), (0.0, 0.0, 0.0), width, height, 0.5)
+    pixel_m = 2.0 / width
+    slopes = np.array([-0.19, -0.11, 0.07, 0.13, 0.21])
+    wires = [
+        rectangle(f"wire {k}", (-1.0, 0, 0.18 * (k - 2) - slope), (2.0, 0, 2 * slope), (0, 0, 0.05 * pixel_m))
+        for k, slope in enumerate(slopes)
+    ]
+    materials, filtered = [mirror()] * len(wires), PixelFilter(FilterShape.BOX, 1.0)
+    scene = snapshot(wires, [], camera, width, height, pixel_filter=filtered, materials=materials, world=World((0.5, 0.5, 0.5)))
+    with prepared_renderer(scene, device, effects=(Effect.REFLECTION,), reflection_sample_count=8) as renderer:
+        shown = renderer.reflections.tiles_shown
+    columns = np.arange(4, width, 8)
+    x_m = (columns + 0.5) * pixel_m - 1.0
+    for k, slope in enumerate(slopes):
+        rows = np.floor((0.18 * (k - 2) + slope * x_m) / pixel_m + height / 2).astype(int)
+        inside = (rows >= 0) & (rows < height)
+        assert inside.sum() > 15
+        assert shown[rows[inside] // 8, columns[inside] // 8].all()
 
 
 def test_what_nobody_wrote_is_read_by_nobody(device, monkeypatch):

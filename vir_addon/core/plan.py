@@ -126,7 +126,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     if Effect.REFLECTION in settings.effects:
         reflections = _plan_reflections(snapshot, settings, bounds, in_picture)
         if reflections.runs:
-            planned_lights = (_plan_reflected_light(snapshot, light, names[light.name], settings, bounds) for light in lights)
+            planned_lights = (_plan_reflected_light(snapshot, light, names[light.name], settings, bounds) for light in snapshot.lights)
             reflected_lights = tuple(planned for planned in planned_lights if planned is not None)
     running = [*(planned for planned in passes if planned.runs), *reflected_lights]
     needs_rounds = reflections is not None and reflections.runs
@@ -173,8 +173,10 @@ def _plan_reflected_light(
     """How a light reaches what reflectors show, which may be anywhere. None when it lights nothing at all."""
     if light.strength == 0 or not math.isfinite(light.strength):
         return None
-    # passes may be switched off, light is not
+    # passes may be switched off or left out, light is not
     light, settings = replace(light, is_wanted=True), replace(settings, omni_shadows=True, soft_shadows=True)
+    if _what_the_method_cannot_do(light, settings) is not None and light.name not in (settings.light_names or [light.name]):
+        settings = replace(settings, method=Method.AUTO)
     everything = np.ones(len(snapshot.instances), bool)
     if light.casts_shadow and len(light_casters(snapshot, light)):
         planned = _plan_light(snapshot, light, pass_name, settings, bounds, everything, bounds.corners_ws.reshape(-1, 3))
@@ -274,7 +276,9 @@ def _plan_light(
     if skipped is not None:
         reason, surface_value = skipped
         return PlannedPass(light.name, pass_name, runs=False, reason=reason, surface_value=surface_value)
-    _refuse_what_the_method_cannot_do(light, settings)
+    refusal = _what_the_method_cannot_do(light, settings)
+    if refusal is not None:
+        raise UsageError(refusal)
     is_filtered = settings.method is Method.PCSS and light.has_size
     wanted_count = settings.view_count if light.own_view_count is None else light.own_view_count
     view_count = wanted_count if light.has_size and not is_filtered else 1
@@ -335,23 +339,24 @@ def _plan_light(
     )
 
 
-def _refuse_what_the_method_cannot_do(light: Light, settings: Settings) -> None:
-    """UsageError with the nearest thing that works."""
+def _what_the_method_cannot_do(light: Light, settings: Settings) -> str | None:
+    """With the nearest thing that works."""
     if settings.method is Method.VWSS and not light.shape.is_area:
-        raise UsageError(
+        return (
             f"vwss warps the view of an area light, and {light.name!r} is a {light.shape.value}: choose the "
             "method ivir, or leave the light out"
         )
     if settings.method is Method.EPR and not light.shape.is_omni:
-        raise UsageError(
+        return (
             f"epr makes the shadows of lights that shine to all sides, and {light.name!r} is a {light.shape.value}: choose the "
             "method ivir, or leave the light out"
         )
     if settings.method is Method.VIR and light.shape is LightShape.SUN:
-        raise UsageError(
+        return (
             f"vir samples at the rate of perspective views, and those of the sun {light.name!r} are parallel: choose the method ivir, "
             "or leave the light out"
         )
+    return None
 
 
 def _caster_meshes(snapshot: SceneSnapshot, light: Light) -> np.ndarray:

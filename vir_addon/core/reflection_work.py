@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -164,10 +164,11 @@ class ReflectionWork:
             self._use(planned, self.maps)
             self._is_counted = False
 
-    def find_tiles(self, instances: np.ndarray) -> None:
-        """Work only where a reflector is, or may be at other sub-pixel offsets. instances: (height, width) of an eye G-buffer, -1: none"""
+    def find_tiles(self, seen: Sequence[np.ndarray]) -> None:
+        """Work only where a reflector is, or may be at other sub-pixel offsets. seen: instances of some eye G-buffers, (height, width)
+        each, -1: none"""
         shows = self.planned.instance_maps(len(self.scene_data.snapshot.instances))[:, 0] >= 0
-        pixels = (instances >= 0) & shows[np.maximum(instances, 0).astype(np.int64)]
+        pixels = np.logical_or.reduce([(each >= 0) & shows[np.maximum(each, 0).astype(np.int64)] for each in seen])
         rows, columns = self.tiles_shown.shape
         padded = np.zeros((rows * TILE_PX, columns * TILE_PX), bool)
         padded[: pixels.shape[0], : pixels.shape[1]] = pixels

@@ -37,6 +37,9 @@ from .seen_places import SeenPlaces
 from .steps import HostWork, Steps, run_steps
 from .stopwatch import OnStage, Stopwatch
 
+LEAST_SEEN_SAMPLES = 4
+"""of a pixel, by which reflectors are found"""
+
 
 @dataclass
 class Progress:
@@ -191,10 +194,19 @@ class Renderer:
     def _count_views(self) -> int:
         return sum(planned.view_count for planned in self._planned_lights().values()) or self.plan.batch_count * self.reflects
 
-    def _seen_reflectors(self, eye: EyePass, first_positions: np.ndarray) -> PlannedReflections:
-        """Reflections as a batch's eye samples call for them, the first of which was read already."""
-        with self.stopwatch.stage("read-back"):
-            positions = [first_positions, *(self.device.read(buffer.positions) for buffer in eye.buffers[1:])]
+    def _positions_seen(self, eye: EyePass) -> list[np.ndarray]:
+        """(height, width, 4) each, of the first eye samples, those of the first batch first: what is thinner than a pixel is missed by
+        most of them. Leaves the first batch's in the eye's buffers."""
+        batch_count = min(-(-LEAST_SEEN_SAMPLES // self.plan.eye_samples_per_batch), self.plan.batch_count)
+        positions: list[np.ndarray] = []
+        for batch in reversed(range(batch_count)):
+            self._render_eye(eye, batch)
+            with self.stopwatch.stage("read-back"):
+                positions = [*(self.device.read(buffer.positions) for buffer in eye.buffers), *positions]
+        return positions
+
+    def _seen_reflectors(self, positions: list[np.ndarray]) -> PlannedReflections:
+        """Reflections as some eye samples call for them."""
         snapshot, bounds = self.snapshot, self.plan.bounds
         seen = SeenPlaces(positions, reflecting_instances(snapshot), len(positions))
         found = choose_reflectors(snapshot, bounds, self.plan.settings, instances_in_picture(snapshot, bounds), seen)
@@ -245,10 +257,11 @@ class Renderer:
             with self.stopwatch.stage("read-back"):
                 positions, normals = (self.device.read(texture) for texture in eye.buffers[0])
         if self.plan.reflections is not None and self.plan.reflections.runs:
-            in_sight = self._seen_reflectors(eye, positions)
+            seen = self._positions_seen(eye)
+            in_sight = self._seen_reflectors(seen)
             self.reflects = in_sight.runs
             if self.reflects:
-                positions, normals = yield from self._preparing_reflections(in_sight, scene_data, eye, positions, normals)
+                positions, normals = yield from self._preparing_reflections(in_sight, scene_data, eye, seen, normals)
             else:
                 self.statistics.notes.append(
                     "nothing reflects: what reflectors show in the picture is hidden behind other surfaces, or next to nothing"
@@ -271,9 +284,12 @@ class Renderer:
         self.statistics.passes.sort(key=lambda statistics: statistics.light_name)
 
     def _preparing_reflections(
-        self, planned: PlannedReflections, scene_data: SceneData, eye: EyePass, positions: np.ndarray, normals: np.ndarray
+        self, planned: PlannedReflections, scene_data: SceneData, eye: EyePass, seen: list[np.ndarray], normals: np.ndarray
     ) -> Generator[HostWork | None, Any, tuple[np.ndarray, np.ndarray]]:
-        """Returns positions and normals of what lights are to be fitted to: what is in the picture of passes, and what reflectors show."""
+        """Returns positions and normals of what lights are to be fitted to: what is in the picture of passes, and what reflectors show.
+
+        seen: positions of `_positions_seen`; normals: of the first of them
+        """
         if self.surfaces is None:
             rows = yield self.stopwatch.host_work("upload", pack_surfaces, self.snapshot)
             with self.stopwatch.stage("upload"):
@@ -282,12 +298,12 @@ class Renderer:
         with self.stopwatch.stage("upload"):
             reflections = self.reflections = self._owned.own(ReflectionWork(planned, self.plan, scene_data, self.surfaces, eye))
             self.statistics.reflections = reflections.statistics
-        reflections.find_tiles(positions[..., 3])
+        reflections.find_tiles([positions[..., 3] for positions in seen])
         yield None
         yield from reflections.preparing(self._current_offsets, self.stopwatch)
         has_passes = any(planned.runs for planned in self.plan.passes)
         hit_positions, hit_normals = yield from reflections.gathering_hits(self._current_offsets, self.stopwatch)
-        return np.concatenate([*[positions] * has_passes, *hit_positions]), np.concatenate([*[normals] * has_passes, *hit_normals])
+        return np.concatenate([*[seen[0]] * has_passes, *hit_positions]), np.concatenate([*[normals] * has_passes, *hit_normals])
 
     def _billed_to(self, work: LightWork) -> contextlib.AbstractContextManager[None]:
         """What lights only reflections has no pass of its own."""
