@@ -71,7 +71,7 @@ def test_a_mirror_in_a_room(device, shape, roughness, limit):
 @pytest.mark.slow
 @pytest.mark.parametrize(("shape", "limit"), [("sphere", 0.06), ("flat", 0.04)])
 def test_highlights_on_what_a_mirror_shows(device, shape, limit):
-    """Without them, and with metal that is black, the flat mirror would be off by 0.1."""
+    """What they amount to: from Cycles' picture without them the flat mirror's differs by 0.1."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     mirror_room.build(bpy.context.scene, shape=shape, has_gloss=True)
     rmse, _, _ = errors(bpy.context.scene, [ReflectionLookUp.MARCH], device)
