@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from tests.scenes import area_light, box, floor, matte, mirror, perspective_camera, prepared_renderer, rectangle, snapshot
-from vir_addon.core.errors import UsageError
 from vir_addon.core.light_work import LightWork
 from vir_addon.core.material import World
+from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL
 from vir_addon.core.plan import check_device, plan
 from vir_addon.core.reflection_rounds import MAX_HITS_MIB, hits_mib, plan_rounds
+from vir_addon.core.reflectors import memory_for_maps
 from vir_addon.core.settings import Effect, Settings
+from vir_addon.device.interface import LINEAR_TEXTURE_WIDTH
 
 BOTH = (Effect.SHADOW, Effect.REFLECTION)
 
@@ -61,11 +63,13 @@ def test_what_rays_meet_keeps_to_its_memory_with_a_note():
     assert planned.reflections.bounces == found.bounces and found.note in planned.notes
 
 
-def test_maps_that_no_texture_can_hold_are_refused(device):
-    planned = plan(mirrored_scene(), Settings(effects=BOTH, reflection_map_mib=1 << 16))
-    with pytest.raises(UsageError, match=r"choose \d+ or less"):
-        check_device(planned, device)
-    check_device(dataclasses.replace(planned, settings=dataclasses.replace(planned.settings, reflection_map_mib=256)), device)
+def test_maps_have_as_much_memory_as_a_texture_holds(device):
+    asked = Settings(effects=BOTH, reflection_map_mib=1 << 16)
+    check_device(plan(mirrored_scene(), asked), device)
+    held_mib = memory_for_maps(device, asked).reflection_map_mib
+    assert 64 <= held_mib < 1 << 16
+    assert -(-(held_mib << 20) // (BYTES_PER_TEXEL * LINEAR_TEXTURE_WIDTH)) <= device.max_texture_size_px
+    assert memory_for_maps(device, dataclasses.replace(asked, reflection_map_mib=32)).reflection_map_mib == 32
 
 
 def test_lights_are_fitted_to_what_rough_reflectors_may_show_in_later_batches(device, monkeypatch):

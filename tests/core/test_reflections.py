@@ -281,10 +281,12 @@ def test_five_hundred_reflectors_keep_to_the_memory_they_are_given():
     found = reflectors_of(scene, bounces=1, reflection_map_mib=64)
     assert MAX_REFLECTORS <= sum(each.runs for each in found.reflectors) <= MAX_REFLECTORS + MAX_GROUPS
     assert len(found.lines) <= MAX_REFLECTORS + MAX_GROUPS + 1
-    assert sum(each.texel_count for each in found.maps) * BYTES_PER_TEXEL <= 64 << 20 or all(
-        each.width_px == MAP_SIZE_STEP_PX for each in found.maps
-    )
-    assert any("smaller for all maps to fit" in each.reason for each in found.reflectors)
+    assert sum(each.texel_count for each in found.maps) * BYTES_PER_TEXEL <= 64 << 20
+    found = reflectors_of(scene, bounces=1, reflection_map_mib=2)
+    assert sum(each.texel_count for each in found.maps) * BYTES_PER_TEXEL <= 2 << 20
+    assert found.maps and all(each.width_px == MAP_SIZE_STEP_PX for each in found.maps)
+    assert all("smaller for all maps to fit" in each.reason for each in found.reflectors if each.maps and each.covered_px[0] > 32)
+    assert any(each.reason == "skipped: no memory is left for its map" for each in found.reflectors)
 
 
 def test_an_eye_within_a_reflector_looks_from_where_it_is(device):

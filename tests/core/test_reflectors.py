@@ -14,7 +14,7 @@ from vir_addon.core.material_program import combined, typical_value
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
 from vir_addon.core.passes.reflection_maps import instances_in_face
 from vir_addon.core.plan import plan as planned
-from vir_addon.core.reflectors import MAX_GROUPS, MIN_MAP_RAYS
+from vir_addon.core.reflectors import MAX_GROUPS, MAX_REFLECTORS, MIN_MAP_RAYS
 from vir_addon.core.render import render
 from vir_addon.core.settings import Effect, Settings
 
@@ -97,6 +97,27 @@ def test_small_reflectors_near_each_other_share_maps():
     assert not np.isin(found.reflectors[1].instances, found.reflectors[1].seen.instances).any()
 
 
+def test_next_to_nothing_in_the_picture_is_no_reason_for_bounces_nor_against_a_map():
+    """A nail that covers a pixel beside a mirror: no reflector to show in, and as good as one that is out of the picture."""
+    glass = rectangle("glass", (-1, 1, 0), (2, 0, 0), (0, 0, 2))
+    nail = box("nail", (-1.2, 0.9, 0.5), (0.004, 0.004, 0.004))
+    camera = perspective_camera((0.5, -3.0, 1.5), (0, 1, 0.4), WIDTH, HEIGHT, 0.6)
+    scene = snapshot([floor(4.0), glass, nail], [], camera, WIDTH, HEIGHT, materials=[matte(), mirror(), mirror()], world=World())
+    assert reflectors_of(scene).bounces == 1
+    found = reflectors_of(scene, bounces=2)
+    assert [each.name for each in found.waiting] == ["nail"]
+    assert found.settled().texts[-1].startswith("nail: skipped: all such together show in next to no pixels, and")
+
+
+def test_large_ones_that_share_a_map_are_not_called_small():
+    balls = [box(f"ball {k}", (0.5 * (k % 10) - 2.25, 2.0, 0.4 * (k // 10) - 1.4), (0.2, 0.2, 0.15)) for k in range(80)]
+    camera = perspective_camera((0.0, -3.0, 0.0), (0, 1, 0), 320, 180, 0.6)
+    found = reflectors_of(snapshot(balls, [], camera, 320, 180, materials=[mirror()] * 80, world=World()), bounces=1)
+    shared = [each for each in found.reflectors if len(each.instances) > 1]
+    assert sum(len(each.instances) for each in shared) == 80 - MAX_REFLECTORS
+    assert all("more than 64 reflectors" in each.reason and "small" not in each.reason for each in shared)
+
+
 def test_shared_maps_show_the_right_things_and_cost_as_much_as_is_seen_of_them(device):
     """Thin strips of mirror in a coloured box: none of them large enough for a map, one for all."""
     walls, materials = colored_box(3.0)
@@ -110,7 +131,7 @@ def test_shared_maps_show_the_right_things_and_cost_as_much_as_is_seen_of_them(d
     *_, last = render(scene, planned(scene, settings), device)
     found = last.statistics.reflections
     assert 0 < found.map_count <= found.ray_count / MIN_MAP_RAYS, found.reflectors
-    assert any("12 reflectors" in line for line in found.reflectors)
+    assert sum(line.startswith("hidden ") and "skipped: " in line for line in found.reflectors) == 12
 
     eye, directions = camera_rays(camera, WIDTH, HEIGHT)
     at = eye + ((1.5 - eye[1]) / directions[..., 1])[..., None] * directions
@@ -133,8 +154,8 @@ def test_reflectors_outside_of_the_picture_have_maps_where_others_show_them(devi
     assert sorted(each.name for each in plan.reflections.waiting) == ["behind", "beside"]
     *_, last = render(scene, plan, device)
     lines = last.statistics.reflections.reflectors
-    assert any(line.startswith("behind: mvr in the picture only within other reflectors") for line in lines)
-    assert any(line.startswith("beside: not in the picture") for line in lines)
+    assert any(line.startswith("behind: mvr shows enough only within other reflectors") for line in lines)
+    assert any(line.startswith("beside: skipped: not in the picture, and next to nothing of it shows within") for line in lines)
 
     eye, directions = camera_rays(camera, width, height)
     first = eye + ((2.5 - eye[1]) / directions[..., 1])[..., None] * directions

@@ -88,7 +88,7 @@ def print_statistics(console: Console, statistics: SetStatistics) -> None:
         table.add_row(made.pass_name, made.method, str(made.view_count), maps, _prepared(made), *times, error)
     if statistics.passes:
         console.print(table)
-    if statistics.reflections is not None:
+    if statistics.reflections is not None and statistics.reflections.map_count:
         found = statistics.reflections
         console.print(
             f"reflections: {found.map_count} maps of {found.map_texel_count:,} texels in all{_splatted(found)}; "

@@ -7,13 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..device.interface import LINEAR_TEXTURE_WIDTH, Device
+from ..device.interface import Device
 from . import cost
 from .bounds import SceneBounds, compute_bounds
 from .errors import SceneError, UsageError
 from .fit import fit_light
 from .pass_set import unique_pass_names
-from .passes.reflection_maps import BYTES_PER_TEXEL
 from .passes.shadow_maps import MAX_BATCH_VIEWS
 from .reach import Receivers, light_casters, lit_places, may_shadow
 from .reflection_rounds import ReflectionRounds, plan_rounds
@@ -208,12 +207,6 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
         raise UsageError(
             f"points by the rasterizer need geometry shaders that store, and the device {device.name} has none: "
             "choose the device moderngl, or the point generation compute"
-        )
-    largest_mib = LINEAR_TEXTURE_WIDTH * device.max_texture_size_px * BYTES_PER_TEXEL >> 20
-    if render_plan.reflections is not None and render_plan.settings.reflection_map_mib > largest_mib:
-        raise UsageError(
-            f"the device's largest texture holds {largest_mib} MiB of reflectors' maps: choose {largest_mib} or less, "
-            f"not {render_plan.settings.reflection_map_mib}"
         )
     most_views = max((planned.view_count for planned in running), default=0)
     resolution_px, limit_px = render_plan.settings.map_resolution_px, device.max_texture_size_px

@@ -38,7 +38,7 @@ from .passes.tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_nei
 from .picture import Shown
 from .plan import RenderPlan
 from .reflector_passes import ReflectorPasses
-from .reflectors import PlannedReflections, reflects, with_met
+from .reflectors import PlannedReflections, memory_for_maps, reflects, with_met
 from .sampling import shuffled_unit_square_points, stable_seed
 from .seen_places import SeenPlaces
 from .settings import ReflectionLookUp, ReflectionMethod
@@ -142,7 +142,6 @@ class ReflectionWork:
         self.statistics.map_count = len(planned.maps)
         self.statistics.map_texel_count = sum(each.texel_count for each in planned.maps)
         self.statistics.splatted_map_count = sum(each.method is not ReflectionMethod.MVR for each in planned.maps)
-        self.statistics.reflectors = [f"{each.name}: {' '.join(filter(None, [each.method_text, each.reason]))}" for each in planned.lines]
 
     def _forget_maps(self) -> None:
         self._drawn.close()
@@ -158,11 +157,13 @@ class ReflectionWork:
                 waiting = np.zeros(len(self.scene_data.snapshot.instances), bool)
                 waiting[np.concatenate([each.instances for each in self.planned.waiting])] = True
                 hits = SeenPlaces([self.read_hits(hits)[0] for part in self.hits for hits in part[:-1]], waiting, len(self.hits))
-            planned = with_met(self.planned, self.scene_data.snapshot, self.plan.bounds, self.plan.settings, hits)
+            settings = memory_for_maps(self.device, self.plan.settings)
+            planned = with_met(self.planned, self.scene_data.snapshot, self.plan.bounds, settings, hits)
             if planned is self.planned:
                 break
             self._use(planned, self.maps)
             self._is_counted = False
+        self.statistics.reflectors = self.planned.settled().texts
 
     def find_tiles(self, seen: Sequence[np.ndarray]) -> None:
         """Work only where a reflector is, or may be at other sub-pixel offsets. seen: instances of some eye G-buffers, (height, width)

@@ -258,10 +258,15 @@ def placed_triangles(snapshot: SceneSnapshot, own: np.ndarray, origin_ws: np.nda
     return parts
 
 
+def is_too_fine(snapshot: SceneSnapshot, own: np.ndarray) -> bool:
+    """Whether it would take too long to find out how solid a reflector is."""
+    return sum(snapshot.meshes[snapshot.instances.mesh_index[index]].triangle_count for index in own) > MAX_INSCRIBED_TRIANGLES
+
+
 def _inscribed_radius(snapshot: SceneSnapshot, own: np.ndarray, center_ws: np.ndarray) -> float:
     """Metres from a place to the nearest triangle of a closed surface around it; 0 where it is not inside of one. What is nearer is within
     the reflector, and nothing reflects it."""
-    if sum(snapshot.meshes[snapshot.instances.mesh_index[index]].triangle_count for index in own) > MAX_INSCRIBED_TRIANGLES:
+    if is_too_fine(snapshot, own):
         return 0.0
     triangles = np.concatenate(placed_triangles(snapshot, own, center_ws))
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..device.interface import LINEAR_TEXTURE_WIDTH, Device
 from .bounds import SceneBounds
 from .map_methods import with_methods
 from .material import Material
 from .material_program import typical_value
 from .passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX, ReflectionMap
 from .reflector_views import (
-    MAX_MAP_PX,
+    MAX_INSCRIBED_TRIANGLES,
+    MAX_VIEW_PX,
     covered_size_px,
     cube_around,
     cube_around_eye,
@@ -23,6 +24,7 @@ from .reflector_views import (
     eye_view,
     flat_plane,
     is_convex_to_eye,
+    is_too_fine,
     mirrored_view,
 )
 from .scene import SceneSnapshot
@@ -38,7 +40,12 @@ MIN_PICTURE_SHARE, MIN_GROUP_SHARE = 0.001, 0.0001
 of them to have one"""
 MIN_MAP_RAYS = 64
 """or so many pixels for a map of its own: in small pictures maps would cost more than all the rest"""
-TOO_SMALL_REASON = "skipped: all such together show in next to no pixels"
+TOO_SMALL = "all such together show in next to no pixels"
+WAITING = ": a map if enough of it shows within other reflectors"
+"""what ends the reasons of those that it is not decided for yet"""
+SMALLER = "; smaller for all maps to fit into memory"
+MET_SHARE = 0.25
+"""of maps' memory, kept for reflectors that only others show"""
 MAX_LINES_ALIKE = 3
 """of reflectors without maps for the same reason"""
 MAX_METAL_ROUGHNESS = 0.5
@@ -130,20 +137,22 @@ def choose_reflectors(
             candidates.append(Candidate(name, own, seen.count(own), seen.middle(own)))
         else:
             others.append((name, own, bool(in_picture[own].any())))
+    groups, left_out = _sharing_maps(snapshot, candidates)
     # a single one has nothing to see itself in
-    bounces = settings.bounces or (DEFAULT_BOUNCES if len(candidates) > 1 else 1)
-    found, left_out = _with_maps(
-        snapshot,
-        candidates,
-        lambda each: _plan_reflector(snapshot, bounds, each, bounces, is_measured=seen is not None),
-        lambda group: _plan_group(snapshot, bounds, group, is_measured=seen is not None),
-    )
-    lines += with_methods(_within_memory(found, settings.reflection_map_mib), snapshot, settings)
-    lines += [Reflector(each.name, each.own, runs=False, reason=TOO_SMALL_REASON) for each in left_out]
+    bounces = settings.bounces or (DEFAULT_BOUNCES if len(groups) > 1 else 1)
+    found = [
+        _plan_group(snapshot, bounds, group, is_measured=seen is not None)
+        if len(group) > 1
+        else _plan_reflector(snapshot, bounds, group[0], bounces, is_measured=seen is not None)
+        for group in groups
+    ]
+    unmapped = [(each.name, each.own, TOO_SMALL) for each in left_out]
     for name, own, is_hidden in others:
-        where = _where_hidden(snapshot, bounds, own) if is_hidden else "not in the picture"
-        reason = f"skipped: {where}" if bounces < 2 else f"{where}: a map if enough of it shows within other reflectors"
-        lines.append(Reflector(name, own, runs=bounces > 1, reason=reason))
+        unmapped.append((name, own, _where_hidden(snapshot, bounds, own) if is_hidden else "not in the picture"))
+    kept_free = MET_SHARE if bounces > 1 and unmapped else 0.0
+    lines += with_methods(_within_memory(found, settings.reflection_map_mib * (1 - kept_free)), snapshot, settings)
+    for name, own, where in unmapped:
+        lines.append(Reflector(name, own, runs=bounces > 1, reason=f"{where}{WAITING}" if bounces > 1 else f"skipped: {where}"))
     return PlannedReflections(tuple(lines), bounces)
 
 
@@ -158,24 +167,24 @@ def _where_hidden(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray)
     return f"within {instances.object_names[instances.object_index[around[0]]]!r}" if len(around) else "hidden behind others"
 
 
-def _with_maps(
-    snapshot: SceneSnapshot,
-    candidates: list[Candidate],
-    plan_one: Callable[[Candidate], Reflector],
-    plan_group: Callable[[list[Candidate]], Reflector],
-) -> tuple[list[Reflector], list[Candidate]]:
-    """Those that show much have maps of their own, at most MAX_REFLECTORS, others share maps; and those that show next to nothing
-    even together. The latter are asked for too."""
+def _least_ray_count(snapshot: SceneSnapshot) -> float:
+    """of a reflector with a map of its own"""
+    return max(MIN_PICTURE_SHARE * snapshot.width_px * snapshot.height_px, MIN_MAP_RAYS)
+
+
+def _sharing_maps(snapshot: SceneSnapshot, candidates: list[Candidate]) -> tuple[list[list[Candidate]], list[Candidate]]:
+    """Those that share a map each: one that shows much alone, at most MAX_REFLECTORS such, others with those near them. And those that
+    show next to nothing even together."""
     pixel_count = snapshot.width_px * snapshot.height_px
-    least_ray_count = max(MIN_PICTURE_SHARE * pixel_count, MIN_MAP_RAYS)
+    least_ray_count = _least_ray_count(snapshot)
     ranked = sorted(candidates, key=lambda each: -each.ray_count)
     alone = [each for each in ranked[:MAX_REFLECTORS] if each.ray_count >= least_ray_count]
     shared = ranked[len(alone) :]
     ray_count = sum(each.ray_count for each in shared)
     if ray_count < MIN_GROUP_SHARE * pixel_count:
-        return [plan_one(each) for each in alone], shared
+        return [[each] for each in alone], shared
     groups = near_each_other(shared, max(least_ray_count, ray_count / MAX_GROUPS))
-    return [*map(plan_one, alone), *(plan_group(group) if len(group) > 1 else plan_one(group[0]) for group in groups)], []
+    return [*([each] for each in alone), *groups], []
 
 
 def with_met(
@@ -184,7 +193,7 @@ def with_met(
     """With maps for reflectors that the eye does not see but enough of which shows in others. The same if there is none."""
     shown = [each for each in planned.waiting if hits.count(each.instances)]
     candidates = [Candidate(each.name, each.instances, hits.count(each.instances), hits.middle(each.instances)) for each in shown]
-    reason = "in the picture only within other reflectors"
+    reason = "shows enough only within other reflectors"
 
     def plan_one(each: Candidate) -> Reflector:
         cube = cube_around(snapshot, bounds, each.own, UNSEEN_MAP_PX, place_ws=each.place_ws)
@@ -196,9 +205,10 @@ def with_met(
             together.name, together.own, True, f"{reason}; near each other: one map", "mvr", met=_group_cube(snapshot, bounds, together, 0)
         )
 
-    found, _ = _with_maps(snapshot, candidates, plan_one, plan_group)
-    if not found:
+    groups, _ = _sharing_maps(snapshot, candidates)
+    if not groups:
         return planned
+    found = [plan_group(group) if len(group) > 1 else plan_one(group[0]) for group in groups]
     used_mib = sum(each.texel_count for each in planned.maps) * BYTES_PER_TEXEL / (1 << 20)
     found = with_methods(_within_memory(found, settings.reflection_map_mib - used_mib), snapshot, settings)
     has_map = np.concatenate([each.instances for each in found])
@@ -224,7 +234,9 @@ def _plan_group(snapshot: SceneSnapshot, bounds: SceneBounds, group: list[Candid
     together = _together(group)
     covered_px = max(max(covered_size_px(snapshot, bounds.corners_ws[each.own].reshape(-1, 3))) for each in group)
     cube = _group_cube(snapshot, bounds, together, covered_px)
-    reason = f"{'' if is_measured else 'up to '}{together.ray_count} px in the picture; small and near each other: one map"
+    is_small = max(each.ray_count for each in group) < _least_ray_count(snapshot)
+    why = "small and near each other" if is_small else f"more than {MAX_REFLECTORS} reflectors, these near each other"
+    reason = f"{'' if is_measured else 'up to '}{together.ray_count} px in the picture; {why}: one map"
     return Reflector(together.name, together.own, True, reason, "mvr", cube, cube, None, None, (together.ray_count, 1))
 
 
@@ -249,6 +261,8 @@ def _plan_reflector(snapshot: SceneSnapshot, bounds: SceneBounds, candidate: Can
     reason = f"{candidate.ray_count} px in the picture" if is_measured else f"{covered_px[0]} x {covered_px[1]} px in the picture"
     side_px = cube_size_px(max(covered_px))
     plane = flat_plane(snapshot, own)
+    if snapshot.camera.is_orthographic:
+        reason += "; a parallel camera has neither mirrored views nor views of reflectors themselves"
     if plane is not None and not snapshot.camera.is_orthographic:
         view = mirrored_view(snapshot, bounds, own, plane)
         if view is not None:
@@ -260,6 +274,8 @@ def _plan_reflector(snapshot: SceneSnapshot, bounds: SceneBounds, candidate: Can
         reason += "; the eye is inside, so its cube is around the eye"
         return Reflector(name, own, True, reason, "mvr", cube, cube, cube, None, covered_px)
     seen = cube_around(snapshot, bounds, own, side_px, nearer_to_eye=True, place_ws=candidate.place_ws)
+    if is_too_fine(snapshot, own):
+        reason += f"; more than {MAX_INSCRIBED_TRIANGLES} triangles: its cube is around a place on it"
     itself = None
     if not (snapshot.camera.is_orthographic or is_convex_to_eye(snapshot, own)):
         itself = eye_view(snapshot, bounds, own)
@@ -268,13 +284,28 @@ def _plan_reflector(snapshot: SceneSnapshot, bounds: SceneBounds, candidate: Can
 
 
 def _within_memory(reflectors: list[Reflector], memory_mib: float) -> list[Reflector]:
-    """Smaller maps where all together would take more than the settings allow."""
+    """Smaller maps where all together would take more than the settings allow, and none of the last reflectors where that is not enough."""
     budget = memory_mib * (1 << 20) // BYTES_PER_TEXEL
     fitting, share = reflectors, 1.0
-    while sum(each.texel_count for reflector in fitting for each in reflector.maps) > budget and share > 1 / MAX_MAP_PX:
+    while _texel_count(fitting) > budget and share > 1 / MAX_VIEW_PX:
         share *= SHRINKING
         fitting = [_smaller(reflector, share) for reflector in reflectors]
-    return fitting
+    reached = np.cumsum([0, *(_texel_count([each]) for each in fitting)])[1:]
+    reason = "skipped: no memory is left for its map"
+    return [
+        each if end <= budget else Reflector(each.name, each.instances, runs=False, reason=reason)
+        for each, end in zip(fitting, reached, strict=True)
+    ]
+
+
+def _texel_count(reflectors: list[Reflector]) -> int:
+    return sum(each.texel_count for reflector in reflectors for each in reflector.maps)
+
+
+def memory_for_maps(device: Device, settings: Settings) -> Settings:
+    """The same settings with no more memory for reflectors' maps than the device's largest texture holds."""
+    largest_mib = LINEAR_TEXTURE_WIDTH * device.max_texture_size_px * BYTES_PER_TEXEL >> 20
+    return replace(settings, reflection_map_mib=min(settings.reflection_map_mib, largest_mib))
 
 
 def _smaller(reflector: Reflector, share: float) -> Reflector:
@@ -284,9 +315,14 @@ def _smaller(reflector: Reflector, share: float) -> Reflector:
         ]
         return replace(drawn, width_px=size[0], height_px=size[1])
 
-    smaller = {id(drawn): shrunk(drawn) for drawn in reflector.maps}
+    maps = reflector.maps
+    shrunk_maps = [shrunk(drawn) for drawn in maps]
+    smaller = {id(drawn): each for drawn, each in zip(maps, shrunk_maps, strict=True)}
     seen, met, aside, itself = (smaller.get(id(drawn)) for drawn in (reflector.seen, reflector.met, reflector.aside, reflector.itself))
-    reason = reflector.reason + "; smaller for all maps to fit into memory" * bool(smaller)
+    is_smaller = any(
+        (each.width_px, each.height_px) != (drawn.width_px, drawn.height_px) for drawn, each in zip(maps, shrunk_maps, strict=True)
+    )
+    reason = reflector.reason + SMALLER * is_smaller
     return replace(reflector, seen=seen, met=met, aside=aside, itself=itself, reason=reason)
 
 
@@ -312,6 +348,21 @@ class PlannedReflections:
     def waiting(self) -> list[Reflector]:
         """for others to show enough of them to have maps"""
         return [each for each in self.reflectors if each.runs and not each.maps]
+
+    def settled(self) -> PlannedReflections:
+        """The same when no further maps are to come."""
+        why = ", and next to nothing of it shows within other reflectors" if self.bounces > 1 and self.runs else ""
+        waiting = {id(each) for each in self.waiting}
+        told = (
+            replace(each, runs=False, reason=f"skipped: {each.reason.removesuffix(WAITING)}{why}") if id(each) in waiting else each
+            for each in self.reflectors
+        )
+        return replace(self, reflectors=tuple(told))
+
+    @property
+    def texts(self) -> list[str]:
+        """What became of each."""
+        return [f"{each.name}: {' '.join(filter(None, [each.method_text, each.reason]))}" for each in self.reflectors]
 
     @property
     def lines(self) -> list[Reflector]:

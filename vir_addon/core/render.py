@@ -22,7 +22,15 @@ import numpy as np
 from ..device.interface import Device, Texture
 from ..device.owned import Owned
 from .light_work import LightWork, MapStore
-from .pass_set import COMBINED_PASS_NAME, REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, PassSet, PassStatistics, SetStatistics
+from .pass_set import (
+    COMBINED_PASS_NAME,
+    REFLECTION_COLOR_PASS_NAME,
+    REFLECTION_PASS_NAME,
+    PassSet,
+    PassStatistics,
+    ReflectionStatistics,
+    SetStatistics,
+)
 from .passes.accumulate import pass_image
 from .passes.eye import EyePass
 from .passes.scene_data import SceneData, SceneGeometry, pack_geometry
@@ -30,7 +38,7 @@ from .passes.surface_data import SurfaceData, pack_surfaces
 from .picture import Shown
 from .plan import PlannedPass, RenderPlan, check_device, instances_in_picture
 from .reflection_work import ReflectionWork
-from .reflectors import PlannedReflections, choose_reflectors, reflecting_instances
+from .reflectors import SMALLER, PlannedReflections, choose_reflectors, memory_for_maps, reflecting_instances
 from .sampling import pixel_offsets
 from .scene import Light, SceneSnapshot, has_same_meshes, has_same_picture, has_same_surfaces, is_same_light
 from .seen_places import SeenPlaces
@@ -209,7 +217,12 @@ class Renderer:
         """Reflections as some eye samples call for them."""
         snapshot, bounds = self.snapshot, self.plan.bounds
         seen = SeenPlaces(positions, reflecting_instances(snapshot), len(positions))
-        found = choose_reflectors(snapshot, bounds, self.plan.settings, instances_in_picture(snapshot, bounds), seen)
+        settings = memory_for_maps(self.device, self.plan.settings)
+        found = choose_reflectors(snapshot, bounds, settings, instances_in_picture(snapshot, bounds), seen)
+        if settings != self.plan.settings and any(SMALLER in each.reason for each in found.reflectors):
+            self.statistics.notes.append(
+                f"reflectors' maps are smaller than asked: the device's largest texture holds {settings.reflection_map_mib} MiB of them"
+            )
         assert self.plan.reflections is not None
         # there may be no memory for more
         return replace(found, bounces=min(found.bounces, self.plan.reflections.bounces))
@@ -263,6 +276,7 @@ class Renderer:
             if self.reflects:
                 positions, normals = yield from self._preparing_reflections(in_sight, scene_data, eye, seen, normals)
             else:
+                self.statistics.reflections = ReflectionStatistics(bounces=in_sight.bounces, reflectors=in_sight.settled().texts)
                 self.statistics.notes.append(
                     "nothing reflects: what reflectors show in the picture is hidden behind other surfaces, or next to nothing"
                 )
