@@ -5,7 +5,6 @@
 #include "lib/face_triangle.glsl"
 
 const int MAX_SPLAT_TEXELS = 64;
-const float MAX_POINT_TEXELS = 8.0;
 
 // A triangle so small that others are left out for it, as a point: it takes the texels within half a spacing.
 bool splat_point(int k, vec3 p, float spacing, uint number) {

@@ -15,12 +15,14 @@ float face_depth(vec3 p) {
     return max(size.x, max(size.y, size.z));
 }
 
+const float MAX_POINT_TEXELS = 8.0;  // that a sample covers each way: farther apart, samples would leave holes
+
 // How far apart samples of a surface may be, and of what it is at least `radius` nearer: a texel's width or, with EYE_DENSITY, that of
 // the eye's pixel at the end of the way by the reflector (Gavane & Watson 2022 b, eq. 2 and 3), where that is larger.
 float sample_spacing(int k, vec3 p, float radius) {
     float texel_m = max(face_depth(p) - radius, cube_near_m(k)) * texel_tangent(k);
 #ifdef EYE_DENSITY
-    return max(texel_m, eye_pixel_m(k) + eye_pixel_angle * max(length(p) - radius, 0.0));
+    return clamp(eye_pixel_m(k) + eye_pixel_angle * max(length(p) - radius, 0.0), texel_m, MAX_POINT_TEXELS * texel_m);
 #else
     return texel_m;
 #endif
