@@ -178,6 +178,7 @@ def test_exit_statuses(blend, folder):
         (2, "at most 1 texel", ("plan", blend, "--culling-area", "2")),
         (2, "--culling-area does nothing with the method micro", ("plan", blend, "--method", "micro", "--culling-area", "0.1")),
         (2, "--pcss-samples does nothing with the method auto", ("plan", blend, "--pcss-samples", "32+64")),
+        (2, "--points-per-eye-pixel does nothing with", ("plan", blend, "--reflection-method", "mvr", "--points-per-eye-pixel", "1")),
         (3, "is not there", ("render", folder / "missing.blend", "--output", folder / "x")),
         (3, "not a .blend", ("plan", broken)),
         (3, "camera", ("plan", no_camera)),

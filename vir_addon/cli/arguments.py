@@ -202,6 +202,12 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help="how reflectors' cubes are made: one by one by the rasterizer (mvr), or all from one cloud (ivir, epr); default: the quicker",
     )
     parser.add_argument(
+        "--points-per-eye-pixel",
+        type=float,
+        metavar="N",
+        help=f"samples of an eye's pixel in cubes made with epr; default {defaults.points_per_eye_pixel:g}",
+    )
+    parser.add_argument(
         "--reflection-look-up",
         type=partial(_parse_choice, ReflectionLookUp),
         default=defaults.reflection_look_up,
@@ -225,6 +231,13 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         if method is not Method.PCSS:
             raise UsageError(f"--pcss-samples does nothing with the method {method.value}; leave it out, or choose {Method.PCSS.value}")
         options["blocker_sample_count"], options["filter_sample_count"] = arguments.pcss_samples
+    if arguments.points_per_eye_pixel is not None:
+        if arguments.reflection_method not in (ReflectionMethod.AUTO, ReflectionMethod.EPR):
+            raise UsageError(
+                f"--points-per-eye-pixel does nothing with the reflection method {arguments.reflection_method.value}; leave it out, "
+                f"or choose {ReflectionMethod.EPR.value}"
+            )
+        options["points_per_eye_pixel"] = arguments.points_per_eye_pixel
     return Settings(
         effects=arguments.effects,
         bounces=arguments.bounces,

@@ -98,7 +98,8 @@ class ReflectedPoints:
         self.flags = ["EYE_DENSITY"] * (method is ReflectionMethod.EPR)
         self.collect_flags = [*self.flags, *["POINTS"] * (method is ReflectionMethod.IVIR)]
         self.culling_area = settings.culling_area_texels * settings.stochastic_culling
-        self.samples_per_metre = settings.points_per_eye_pixel**-0.5
+        self.spacing_scale = settings.points_per_eye_pixel**-0.5
+        """of samples, to the width of the eye's pixels"""
         self.triangle_count = 0
         """triangles in the cloud"""
         self.point_count = 0
@@ -141,7 +142,7 @@ class ReflectedPoints:
         rows[:, 0, :3] = [cube.drawn.center_ws for cube in cubes]
         rows[:, 0, 3] = [2 / cube.drawn.width_px for cube in cubes]
         rows[:, 1, 0] = [cube.drawn.near_m for cube in cubes]
-        rows[:, 1, 1] = [cube.eye_pixel_m * self.samples_per_metre for cube in cubes]
+        rows[:, 1, 1] = [cube.eye_pixel_m * self.spacing_scale for cube in cubes]
         rows[:, 1, 2] = first_texels
         rows[:, 1, 3] = [cube.drawn.width_px for cube in cubes]
         return rows.reshape(-1, 4)
@@ -198,7 +199,7 @@ class ReflectedPoints:
 
     @property
     def _eye_pixel_angle(self) -> float:
-        return self.scene_data.eye_pixels.angle_rad * self.samples_per_metre
+        return self.scene_data.eye_pixels.angle_rad * self.spacing_scale
 
     # batches of cubes
 
