@@ -17,6 +17,7 @@ from vir_addon.blender.properties import settings_of  # noqa: E402
 from vir_addon.blender.stepped_render import SteppedRender  # noqa: E402
 from vir_addon.core.errors import DeviceError, SceneError  # noqa: E402
 from vir_addon.core.plan import settings_for  # noqa: E402
+from vir_addon.core.reflectors import Reflector  # noqa: E402
 
 
 @pytest.fixture
@@ -323,6 +324,21 @@ def test_reflections_are_passes_in_colour(room):
     bpy.ops.vir.plan()
     assert panels.reflector_names(room) == {"Cube"}, "it could not be taken back"
     assert not any(runs for runs, _ in frame_state.state_of(room).reflectors.values())
+
+
+def test_a_reflector_of_one_of_several_view_layers(room):
+    state = frame_state.SceneState()
+    drawn, unseen = (
+        (Reflector("Mirror", np.zeros(1, np.int64), runs, reason),) for runs, reason in ((True, "reflects"), (False, "not in the picture"))
+    )
+    for order in ((drawn, unseen), (unseen, drawn)):
+        state.reflectors = {}
+        for lines in order:
+            job = SimpleNamespace(
+                plan=SimpleNamespace(passes=(), notes=(), reflections=SimpleNamespace(lines=lines)), snapshot=SimpleNamespace(left_out=())
+            )
+            frame_state._add_plan(state, "Layer", job)
+        assert state.reflectors == {"Mirror": (True, "reflects")}
 
 
 def test_reflections_alone_leave_shadows_out(room):

@@ -12,6 +12,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from vir_addon.blender.extract import snapshot  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.blender.light_linking import SceneLinking  # noqa: E402
 from vir_addon.blender.mesh_cache import MeshCache, changes_only_lights  # noqa: E402
 from vir_addon.blender.preview.viewport import LEVELS, ViewportPreview  # noqa: E402
 from vir_addon.blender.viewport_view import viewport_view  # noqa: E402
@@ -225,6 +226,39 @@ def test_surfaces_are_not_walked_again_for_lights(preview, lawn, device, add):
     before = read()
     fill.hide_render = True
     assert read() is not before
+
+
+def test_linking_is_read_in_slices_and_again_for_lights_alone(preview, device, monkeypatch):
+    for number in range(300):
+        bpy.context.collection.objects.link(bpy.data.objects.new(f"Empty {number}", None))
+    key = bpy.data.objects["Key"]
+    linked = bpy.data.collections.new("Linked")
+    linked.objects.link(bpy.data.objects["Floor"])
+    asked, add = [], SceneLinking.add
+
+    def counted(self, emitter):
+        asked.append(emitter.name)
+        add(self, emitter)
+
+    monkeypatch.setattr(SceneLinking, "add", counted)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    most = 0
+    while preview.must_read or preview.is_reading:
+        asked_before = len(asked)
+        preview.advance(depsgraph, SETTINGS, NO_TIME_S)
+        most = max(most, len(asked) - asked_before)
+    assert len(asked) > 300 and most < 150
+    finish(preview)
+    before = shown(preview)
+    key.light_linking.blocker_collection = linked
+    finish(preview)
+    assert np.abs(shown(preview) - before).max() > 0.1
+    surfaces = preview._surfaces
+    del asked[:]
+    bpy.data.objects["Fill"].location.x = -1.0
+    finish(preview)
+    assert preview._surfaces is surfaces and sorted(asked) == ["Fill", "Key"]
+    np.testing.assert_allclose(shown(preview), rendered(device, view_from()), atol=1e-6)
 
 
 def test_another_setting(preview, device):

@@ -7,7 +7,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from vir_addon import blender  # noqa: E402  (bpy decides whether this file runs)
-from vir_addon.blender import properties  # noqa: E402
+from vir_addon.blender import panels, properties  # noqa: E402
+from vir_addon.blender.extract import snapshot  # noqa: E402
 from vir_addon.core.errors import UsageError  # noqa: E402
 from vir_addon.core.plan import plan  # noqa: E402
 from vir_addon.core.quality import map_resolution_of_views, quality_of_views, views_of_quality  # noqa: E402
@@ -226,3 +227,14 @@ def test_the_chosen_light_stays_chosen_when_others_come(registered, add):
     for name in ("Added", "Before", "Zenith"):
         add.cube(name)
     assert registered.objects[registered.vir.active_light_index].name == registered.vir.active_light == "Key"
+
+
+@pytest.mark.parametrize(("mark", "expected"), [("yes", "AUTO"), (0, "NEVER"), (False, "NEVER"), (2.5, "ALWAYS")])
+def test_marks_of_reflectors_that_others_have_set(registered, add, mark, expected):
+    cube = add.cube("Cube")
+    cube["vir_reflector"] = mark
+    bpy.context.view_layer.update()
+    assert cube.vir.reflector == expected
+    assert panels.reflector_names(registered) == (set() if expected == "AUTO" else {"Cube"})
+    taken = snapshot(bpy.context.evaluated_depsgraph_get(), with_materials=True)
+    assert taken.instances.reflector_mark.tolist() == [{"AUTO": -1, "NEVER": 0, "ALWAYS": 1}[expected]]

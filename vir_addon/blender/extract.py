@@ -22,10 +22,10 @@ from .extract_camera import Picture, extract_camera, extract_picture, extract_pi
 from .extract_instances import PlacedInstances, SurfaceRows
 from .extract_lights import LightRow, name_lights, place_light
 from .extract_world import WorldReader
-from .light_linking import read_linking
+from .light_linking import SceneLinking
 from .mesh_cache import MaterialReaders, MeshCache
 from .render_depsgraph import engine_of
-from .scene_walk import SceneWalk
+from .scene_walk import CountedWalk, SceneWalk
 from .viewport_view import ViewportView
 
 
@@ -57,6 +57,10 @@ class ReadSurfaces:
     material_sets: tuple[tuple[int, ...], ...]
     left_out: list[LeftOut]
     notes: list[str]
+    linking: SceneLinking
+    """of all but lights"""
+    hidden_uids: frozenset[int]
+    """as of SceneWalk"""
 
 
 class SceneReading:
@@ -91,11 +95,12 @@ class SceneReading:
         else:
             picture = extract_picture(scene.render, self._resolution)
         walk = yield from self._walking(depsgraph)
+        of_lights, of_surfaces = yield from self._reading_linking(depsgraph)
         if self.surfaces is None:
             placed = yield walk.surfaces.place
-            self.surfaces = self._surfaces(walk, placed, depsgraph)
+            self.surfaces = self._surfaces(walk, placed, of_surfaces, depsgraph)
         surfaces, placed = self.surfaces, self.surfaces.placed
-        lights, unplaced = _place_lights(walk.light_rows, placed, depsgraph)
+        lights, unplaced = _place_lights(walk.light_rows, placed, surfaces.linking.joined(of_lights))
         appearance = surfaces.appearance
         self.snapshot = SceneSnapshot(
             scene_name=scene.name,
@@ -122,19 +127,35 @@ class SceneReading:
     def _walking(self, depsgraph: bpy.types.Depsgraph) -> Generator[HostWork | None, Any, SceneWalk]:
         self._readers = _material_readers(depsgraph, self._cache)
         outside_uids = frozenset() if self._view is None else self._view.hidden_uids
-        only_lights = self.surfaces is not None
-        walk = SceneWalk(depsgraph, self._readers, outside_uids, self._cache, with_materials=self.with_materials, only_lights=only_lights)
+        known_uids = None if self.surfaces is None else self.surfaces.hidden_uids
+        walk = SceneWalk(depsgraph, self._readers, outside_uids, self._cache, with_materials=self.with_materials, only_lights_of=known_uids)
         while not walk.go_on(depsgraph):
             yield None
-        if self._cache is not None and not only_lights:
+        if self._cache is not None and self.surfaces is None:
             self._cache.note_used(walk.surfaces.cache_keys)
         return walk
 
-    def _surfaces(self, walk: SceneWalk, placed: PlacedInstances, depsgraph: bpy.types.Depsgraph) -> ReadSurfaces:
+    def _reading_linking(self, depsgraph: bpy.types.Depsgraph) -> Generator[HostWork | None, Any, tuple[SceneLinking, SceneLinking]]:
+        """Of lights, and of all else unless it is known."""
+        of_lights, of_surfaces = SceneLinking(), SceneLinking()
+        is_known = self.surfaces is not None
+
+        def take(shown: bpy.types.Object) -> None:
+            if shown.type == "LIGHT":
+                of_lights.add(shown)
+            elif not is_known:
+                of_surfaces.add(shown)
+
+        walk = CountedWalk(take)
+        while not walk.go_on(depsgraph.objects, self._cache):
+            yield None
+        return of_lights, of_surfaces
+
+    def _surfaces(self, walk: SceneWalk, placed: PlacedInstances, linking: SceneLinking, depsgraph: bpy.types.Depsgraph) -> ReadSurfaces:
         appearance = _appearance(walk.surfaces, self._readers.world, depsgraph) if self.with_materials else None
         left_out = [*walk.left_out, *self._readers.opacity.left_out, *placed.left_out, *(appearance.left_out if appearance else [])]
         notes = [*sorted(self._readers.opacity.notes), *sorted(set(appearance.notes) if appearance else [])]
-        return ReadSurfaces(placed, appearance, walk.surfaces.material_sets, left_out, notes)
+        return ReadSurfaces(placed, appearance, walk.surfaces.material_sets, left_out, notes, linking, walk.hidden_uids)
 
 
 def _material_readers(depsgraph: bpy.types.Depsgraph, cache: MeshCache | None) -> MaterialReaders:
@@ -161,19 +182,18 @@ def _appearance(surfaces: SurfaceRows, worlds: WorldReader, depsgraph: bpy.types
     return _Appearance(tuple(looks.materials), world, looks.left_out + worlds.left_out, looks.notes + worlds.notes)
 
 
-def _place_lights(rows: list[LightRow], placed: PlacedInstances, depsgraph: bpy.types.Depsgraph) -> tuple[tuple[Light, ...], list[LeftOut]]:
-    receivers, blockers = read_linking(depsgraph.objects)
+def _place_lights(rows: list[LightRow], placed: PlacedInstances, linking: SceneLinking) -> tuple[tuple[Light, ...], list[LeftOut]]:
     lights, left_out = [], []
     for name, row in name_lights(rows):
         light = place_light(row, name, placed.world_origin_m)
         if light is None:
             left_out.append(LeftOut(name, "the light has a scale of zero or a position that is not a finite number"))
             continue
-        blocking = blockers.mask(row.object_uid, placed.object_uid, placed.instancer_uid)
+        blocking = linking.blockers.mask(row.object_uid, placed.object_uid, placed.instancer_uid)
         lights.append(
             replace(
                 light,
-                receivers=receivers.mask(row.object_uid, placed.object_uid, placed.instancer_uid),
+                receivers=linking.receivers.mask(row.object_uid, placed.object_uid, placed.instancer_uid),
                 blockers=None if blocking is None else blocking & placed.instances.casts_shadow,
             )
         )

@@ -10,7 +10,6 @@ the instanced object. The collections of a light inside an instance are those of
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import bpy
@@ -42,6 +41,9 @@ class Linking:
         if states:
             self.state_of_object[light_uid] = states
 
+    def joined(self, other: Linking) -> Linking:
+        return Linking(self.state_of_object | other.state_of_object, self.named | other.named)
+
     def mask(self, light_uid: int, object_uid: np.ndarray, instancer_uid: np.ndarray) -> np.ndarray | None:
         """(instance_count,) bool: which instances the light's collection lets through; None: all, there is no collection.
 
@@ -57,11 +59,17 @@ class Linking:
         return allowed & ~np.isin(looked_up, excluded)
 
 
-def read_linking(objects: Iterable[bpy.types.Object]) -> tuple[Linking, Linking]:
-    """Of receivers and of blockers. `objects`: all that may emit, meshes too, since their collections decide who is looked up how."""
-    receivers, blockers = Linking(), Linking()
-    for emitter in objects:
+@dataclass
+class SceneLinking:
+    """Of a scene's lights, and of meshes that may emit: their collections decide who is looked up how."""
+
+    receivers: Linking = field(default_factory=Linking)
+    blockers: Linking = field(default_factory=Linking)
+
+    def add(self, emitter: bpy.types.Object) -> None:
         original = emitter.original
-        receivers.add(original.session_uid, original.light_linking.receiver_collection)
-        blockers.add(original.session_uid, original.light_linking.blocker_collection)
-    return receivers, blockers
+        self.receivers.add(original.session_uid, original.light_linking.receiver_collection)
+        self.blockers.add(original.session_uid, original.light_linking.blocker_collection)
+
+    def joined(self, other: SceneLinking) -> SceneLinking:
+        return SceneLinking(self.receivers.joined(other.receivers), self.blockers.joined(other.blockers))

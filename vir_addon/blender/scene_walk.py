@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import itertools
 import time
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import bpy
+import numpy as np
 
 from ..core.scene import LeftOut
 from .extract_instances import ObjectTable, SurfaceRows
@@ -29,6 +32,32 @@ _ITEMS_BETWEEN_LOOKS = 32
 """at the clock"""
 
 
+class CountedWalk:
+    """Over what Blender lists, in as many goes as it takes."""
+
+    def __init__(self, take: Callable[[Any], None]) -> None:
+        """take: called with each item; OutOfTimeError leaves the item for the next go"""
+        self._take = take
+        self._done_count = 0
+
+    def go_on(self, items: Iterable[Any], cache: MeshCache | None) -> bool:
+        """As far as the cache gives time, and for as long as finding the place took; whether that was all. items: the same each time"""
+        start_s = time.perf_counter()
+        least_end_s: float | None = None
+        for item in itertools.islice(items, self._done_count, None):
+            if least_end_s is None:
+                least_end_s = 2 * time.perf_counter() - start_s
+            try:
+                self._take(item)
+            except OutOfTimeError:
+                return False
+            self._done_count += 1
+            is_look_due = self._done_count % _ITEMS_BETWEEN_LOOKS == 0
+            if is_look_due and cache is not None and cache.is_over and time.perf_counter() > least_end_s:
+                return False
+        return True
+
+
 @dataclass
 class _Lights:
     shown: list[LightRow] = field(default_factory=list)
@@ -45,21 +74,25 @@ class SceneWalk:
         cache: MeshCache | None = None,
         *,
         with_materials: bool = False,
-        only_lights: bool = False,
+        only_lights_of: frozenset[int] | None = None,
     ) -> None:
-        """outside_uids: objects whose surfaces are not seen, nor their lights while there are others. only_lights: pass surfaces by"""
+        """outside_uids: objects whose surfaces are not seen, nor their lights while there are others. only_lights_of: pass surfaces by; the
+        `hidden_uids` of the walk that took them"""
         self._is_viewport = depsgraph.mode == "VIEWPORT"
-        hidden_uids = _not_in_rendered_collections(depsgraph.view_layer) if self._is_viewport else frozenset()
-        self._objects = ObjectTable(depsgraph.view_layer_eval, hidden_uids)
+        if only_lights_of is not None:
+            self.hidden_uids = only_lights_of
+        else:
+            self.hidden_uids = _not_in_rendered_collections(depsgraph.view_layer) if self._is_viewport else frozenset()
+        self._objects = ObjectTable(depsgraph.view_layer_eval, self.hidden_uids)
         self.surfaces = SurfaceRows(
             self._objects, readers.opacity, readers.surfaces if with_materials else None, is_viewport=self._is_viewport, cache=cache
         )
         self.left_out: list[LeftOut] = []
         """without lights"""
         self._lights = _Lights()
-        self._outside_uids, self._cache, self._only_lights = outside_uids, cache, only_lights
+        self._outside_uids, self._cache = outside_uids, cache
         self._uses_portals = engine_of(depsgraph.scene) == "CYCLES"
-        self._done_count = 0
+        self._walk = CountedWalk(self._take if only_lights_of is None else self._take_light)
 
     @property
     def light_rows(self) -> list[LightRow]:
@@ -70,25 +103,13 @@ class SceneWalk:
         return self._lights.left_out
 
     def go_on(self, depsgraph: bpy.types.Depsgraph) -> bool:
-        """As far as the cache gives time, and for as long as finding the place took; whether that was all. depsgraph: that of before, not
-        evaluated since"""
+        """As far as the cache gives time; whether that was all. depsgraph: that of before, not evaluated since"""
         self._objects.view_layer = depsgraph.view_layer_eval
-        start_s = time.perf_counter()
-        least_end_s: float | None = None
-        for item in itertools.islice(depsgraph.object_instances, self._done_count, None):
-            if least_end_s is None:
-                least_end_s = 2 * time.perf_counter() - start_s
-            self._done_count += 1
-            if not self._only_lights or item.object.type == "LIGHT":
-                try:
-                    self._take(item)
-                except OutOfTimeError:
-                    self._done_count -= 1
-                    return False
-            is_look_due = self._done_count % _ITEMS_BETWEEN_LOOKS == 0
-            if is_look_due and self._cache is not None and self._cache.is_over and time.perf_counter() > least_end_s:
-                return False
-        return True
+        return self._walk.go_on(depsgraph.object_instances, self._cache)
+
+    def _take_light(self, item: bpy.types.DepsgraphObjectInstance) -> None:
+        if item.object.type == "LIGHT":
+            self._take(item)
 
     def _take(self, item: bpy.types.DepsgraphObjectInstance) -> None:
         shown = item.object
@@ -141,5 +162,12 @@ def _not_in_rendered_collections(view_layer: bpy.types.ViewLayer) -> frozenset[i
         if not layer_collection.collection.hide_render:
             pending.extend(layer_collection.children)
             if not layer_collection.exclude:
-                shown.update(member.session_uid for member in layer_collection.collection.objects)
-    return frozenset(member.session_uid for member in view_layer.objects) - shown
+                shown.update(_uids(layer_collection.collection.objects))
+    return frozenset(_uids(view_layer.objects)) - shown
+
+
+def _uids(objects: Any) -> list[int]:
+    uids = np.empty(len(objects), np.uint32)
+    objects.foreach_get("session_uid", uids)
+    found: list[int] = uids.tolist()
+    return found
