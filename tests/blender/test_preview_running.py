@@ -3,6 +3,7 @@
 import time
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
@@ -333,6 +334,45 @@ def test_another_file(scene, viewport):
     assert list(bpy.app.handlers.load_pre) == handlers, "changed while Blender walked it"
     running._tick()
     assert is_at_work() == {False}
+
+
+def test_what_local_view_hides_is_not_asked_with_every_redraw_of_an_orbit(scene, viewport, monkeypatch):
+    switch_on(scene, viewport)
+    address, asked = viewport.region.as_pointer(), []
+    clock = SimpleNamespace(now_s=1e3)
+    monkeypatch.setattr(running, "time", SimpleNamespace(perf_counter=lambda: clock.now_s))
+
+    class Item:
+        session_uid = 7
+
+        def visible_in_viewport_get(self, space):
+            clock.now_s += 0.1
+            asked.append(clock.now_s)
+            return False
+
+    space, layer = SimpleNamespace(local_view=object(), use_local_collections=False), SimpleNamespace(objects=[Item()])
+
+    def draw(z: float) -> None:
+        assert running._hidden_uids(address, space, SimpleNamespace(view_matrix=np.diag([1.0, 1.0, z, 1.0])), layer) == {7}
+
+    draw(1.0)
+    for z in (2.0, 3.0, 4.0):
+        draw(z)
+    assert len(asked) == 1
+    # the view stays: something else may have had it drawn again
+    draw(4.0)
+    assert len(asked) == 2
+    draw(5.0)
+    space.use_local_collections = True
+    draw(6.0)
+    assert len(asked) == 3
+    bpy.data.objects["Cube"].location.x = 1.0
+    bpy.context.view_layer.update()
+    draw(7.0)
+    assert len(asked) == 4
+    clock.now_s += 2.0
+    draw(8.0)
+    assert len(asked) == 5
 
 
 def test_a_scene_that_is_deleted(scene, viewport):

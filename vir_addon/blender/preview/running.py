@@ -40,8 +40,23 @@ REDRAW_PAUSE = 3.0
 LONGEST_REDRAW_S = 0.3
 """Blender may have done something else meanwhile"""
 
+HIDDEN_PAUSE = 10.0
+"""times as long as asking what a viewport hides took, until it is asked again while somebody navigates"""
+
 LayerKey = tuple[int, str]
 """session_uid of a scene, name of a view layer"""
+
+
+@dataclass
+class _Hidden:
+    """What a viewport was found to hide."""
+
+    uids: frozenset[int]
+    local: tuple[bool, bool]
+    """local view, local collections"""
+    view_matrix: np.ndarray
+    """of the last redraw"""
+    end_s: float
 
 
 @dataclass
@@ -61,6 +76,7 @@ class Shown:
     """there is something that was not drawn yet"""
     says_reading: bool = False
     """that the scene is being read"""
+    hidden: _Hidden | None = None
 
     @property
     def is_reading(self) -> bool:
@@ -194,7 +210,7 @@ def _draw_region(context: bpy.types.Context) -> None:
             _forget(address)
             _wake()
         return
-    view = _view_of(region, space, context.region_data, context.view_layer)
+    view = _view_of(region, space, context.region_data, _hidden_uids(address, space, context.region_data, context.view_layer))
     if view is None:
         return
     shown = _look(address, (scene.session_uid, context.view_layer.name), view)
@@ -221,10 +237,24 @@ def _choice_of(scene: bpy.types.Scene) -> Choice:
     return Choice(ShownPasses[scene.vir.preview_pass], light_name if light_name in scene.objects else None)
 
 
-def _view_of(region: Any, space: Any, region_3d: Any, view_layer: Any) -> ViewportView | None:
-    hidden_uids: frozenset[int] = frozenset()
-    if space.local_view is not None or space.use_local_collections:
-        hidden_uids = frozenset(one.session_uid for one in view_layer.objects if not one.visible_in_viewport_get(space))
+def _hidden_uids(address: int, space: Any, region_3d: Any, view_layer: Any) -> frozenset[int]:
+    """session_uid of what local view or collections hide. While somebody navigates only now and then: it asks every object."""
+    local = space.local_view is not None, space.use_local_collections
+    if not any(local):
+        return frozenset()
+    shown, view_matrix = _running.viewports.get(address), np.array(region_3d.view_matrix)
+    known, start_s = None if shown is None else shown.hidden, time.perf_counter()
+    if known is not None and known.local == local and start_s < known.end_s and not np.array_equal(known.view_matrix, view_matrix):
+        known.view_matrix = view_matrix
+        return known.uids
+    uids = frozenset(one.session_uid for one in view_layer.objects if not one.visible_in_viewport_get(space))
+    if shown is not None:
+        now_s = time.perf_counter()
+        shown.hidden = _Hidden(uids, local, view_matrix, now_s + HIDDEN_PAUSE * (now_s - start_s))
+    return uids
+
+
+def _view_of(region: Any, space: Any, region_3d: Any, hidden_uids: frozenset[int]) -> ViewportView | None:
     matrices = np.array(region_3d.view_matrix), np.array(region_3d.window_matrix)
     return viewport_view(*matrices, region.width, region.height, hidden_uids)
 
@@ -423,7 +453,7 @@ def _note_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
 def _note_change(layers: set[LayerKey], *, only_lights: bool = False) -> None:
     changed = [shown for shown in _running.viewports.values() if shown.layer in layers]
     for shown in changed:
-        shown.is_stuck, shown.stuck_settings = False, None
+        shown.is_stuck, shown.stuck_settings, shown.hidden = False, None, None
         if shown.preview is not None:
             shown.preview.note_change(only_lights=only_lights)
     if changed:
