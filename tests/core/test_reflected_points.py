@@ -24,6 +24,9 @@ from tests.scenes import (
     with_opacity,
 )
 from vir_addon.core.material import World
+from vir_addon.core.methods import reflected_points
+from vir_addon.core.methods.linear_store import LinearStore
+from vir_addon.core.methods.reflected_points import ReflectedPoints
 from vir_addon.core.pass_set import REFLECTION_PASS_NAME
 from vir_addon.core.plan import plan as planned
 from vir_addon.core.settings import Effect, ReflectionMethod, Settings
@@ -140,6 +143,35 @@ def test_the_same_cloud_in_every_run_and_in_any_number_of_portions(device, metho
     in_portions, _, statistics = drawn_cubes(scene, device, method, replay_buffer_mib=1)
     assert 48 * statistics.cloud_triangle_count + 32 * statistics.point_count > 2 << 20
     np.testing.assert_array_equal(in_portions, once)
+
+
+def test_as_many_tiles_at_a_time_as_there_is_memory_for(device, monkeypatch):
+    """What is large in cubes comes in smaller portions, and to the same."""
+    scene = room_with_balls(rows=4)
+    counts = []
+    splat = ReflectedPoints._splat_triangles
+
+    def splat_counted(self, **bindings):
+        is_splatted = splat(self, **bindings)
+        counts.append(self._batch_tile_count * is_splatted)
+        return is_splatted
+
+    monkeypatch.setattr(ReflectedPoints, "_splat_triangles", splat_counted)
+    once, _, _ = drawn_cubes(scene, device, ReflectionMethod.EPR)
+    all_count, counts[:] = max(counts), []
+    monkeypatch.setattr(reflected_points, "FIRST_TILE_CAPACITY", 1)
+    monkeypatch.setattr(reflected_points, "MAX_TILES", 1)
+    monkeypatch.setattr(reflected_points, "LinearStore", unpadded_store)
+    in_portions, _, _ = drawn_cubes(scene, device, ReflectionMethod.EPR)
+    assert 0 < max(counts) < all_count
+    np.testing.assert_array_equal(in_portions, once)
+
+
+def unpadded_store(device, texel_count):
+    """Of as many texels as asked for, though rows of textures have more."""
+    store = LinearStore(device, texel_count)
+    store.texel_count = texel_count
+    return store
 
 
 def test_cut_outs_stand_before_and_behind_what_is_splatted(device):

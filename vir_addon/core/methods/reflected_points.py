@@ -42,6 +42,8 @@ BATCH_TEXELS = 1 << 22
 """of the cubes that are splatted at once, 8 bytes each; a single cube may have more"""
 MAX_TRIANGLES = 1 << 24
 """of a portion: tiles name them by a float32"""
+MAX_TILES = (1 << 31) // TILE_TEXELS - 1
+"""of a portion: each has an invocation for every row, numbered by an int"""
 NOT_COVERED = 0xFFFFFFFF
 FIRST_TILE_CAPACITY = 1 << 16
 FIRST_POINT_CAPACITY = 1 << 16
@@ -65,6 +67,12 @@ class _Portion:
 
     first_group: int
     group_count: int
+
+    @property
+    def halves(self) -> list[_Portion]:
+        """the second first"""
+        half = self.group_count // 2
+        return [_Portion(self.first_group + half, self.group_count - half), _Portion(self.first_group, half)]
 
 
 @dataclass(frozen=True)
@@ -121,6 +129,7 @@ class ReflectedPoints:
             self.work: WorkTable = temporary.own(self.scene_data.work_table(opaque, np.ones(len(self.scene_data.cut_out), bool)))
             budget_texels = (self.settings.replay_buffer_mib << 20) // (2 * BYTES_PER_TEXEL)
             budget_texels = min(budget_texels, self.device.max_texture_size_px * LINEAR_TEXTURE_WIDTH)
+            self._tile_limit = min(budget_texels, MAX_TILES)
             self._limits = min(budget_texels // TEXELS_PER_TRIANGLE, MAX_TRIANGLES), budget_texels // TEXELS_PER_POINT
             self.counters = temporary.own(self.device.create_texture(COUNTER_COUNT, 1, TextureFormat.R32UI))
             self.triangles = temporary.own(LinearStore(self.device, TEXELS_PER_TRIANGLE * min(self.work.triangle_count, self._limits[0])))
@@ -156,11 +165,7 @@ class ReflectedPoints:
             counts = self._collect(portion)
             stores = ((self.triangles, TEXELS_PER_TRIANGLE), (self.points, TEXELS_PER_POINT))
             if any(count > limit for count, limit in zip(counts, self._limits, strict=True)) and portion.group_count > 1:
-                half = portion.group_count // 2
-                pending += [
-                    _Portion(portion.first_group + half, portion.group_count - half),
-                    _Portion(portion.first_group, half),
-                ]
+                pending += portion.halves
                 continue
             short = [
                 (store, texels * count) for (store, texels), count in zip(stores, counts, strict=True) if texels * count > store.texel_count
@@ -213,24 +218,38 @@ class ReflectedPoints:
             self.device.fill(depths, EMPTY_DEPTH_BITS)
             self.device.fill(numbers, NOT_COVERED)
             batch = _Splatted(cubes, first_texels[:-1], depths, numbers, masks)
+            portions = yield from self._splatting_depths(batch, portions)
+            for portion in portions:
+                yield
+                self._hold(portion)
+                if len(portions) > 1:
+                    # depths do not change, but what came first in them is known only of the portion before
+                    self._splat_cloud(batch, is_numbering=False)
+                self._splat_cloud(batch, is_numbering=True)
             lists = [depths, numbers, *self._came_first, *(store.texture for store in (self.triangles, self.points, self.tiles))]
             self.most_bytes = max(self.most_bytes, sum(each.byte_count for each in lists))
-            for is_numbering in (False, True):
-                for portion in portions:
-                    yield
-                    self._splat(batch, portion, is_numbering, len(portions) == 1)
             for cube, first_texel in zip(cubes, first_texels, strict=False):
                 self.maps.store_splatted(cube.number, depths, numbers, int(first_texel), self.work.texture)
 
-    def _splat(self, batch: _Splatted, portion: _Portion, is_numbering: bool, is_only: bool) -> None:
+    def _splatting_depths(self, batch: _Splatted, portions: list[_Portion]) -> Generator[None, None, list[_Portion]]:
+        """Returns portions of which none has more tiles in the batch's cubes than there is memory for."""
+        pending, fitting = portions[::-1], []
+        while pending:
+            yield
+            portion = pending.pop()
+            self._hold(portion)
+            if self._splat_cloud(batch, is_numbering=False):
+                fitting.append(portion)
+            else:
+                pending += portion.halves
+        return fitting
+
+    def _hold(self, portion: _Portion) -> None:
         if self._held is not portion:
             self._collect(portion)
-        if not is_only and is_numbering:
-            # depths do not change, but what came first in them is known only of the portion before
-            self._splat_cloud(batch, False)
-        self._splat_cloud(batch, is_numbering)
 
-    def _splat_cloud(self, batch: _Splatted, is_numbering: bool) -> None:
+    def _splat_cloud(self, batch: _Splatted, *, is_numbering: bool) -> bool:
+        """False where it has more tiles than it should; then it is not splatted, or not all of it."""
         bindings = {
             "cubes": self._table(batch.cubes, batch.first_texels),
             "nearest_depths": batch.depths,
@@ -238,7 +257,8 @@ class ReflectedPoints:
             "is_numbering": int(is_numbering),
         }
         culled = {"cube_masks": batch.masks, "cube_count": len(batch.cubes), "culling_area": self.culling_area}
-        self._splat_triangles(**bindings, **culled)
+        if not self._splat_triangles(**bindings, **culled):
+            return False
         self.device.compute_kernel(SPLAT_TILES_OF_CLOUD).dispatch_linear(
             TILE_TEXELS * self._batch_tile_count,
             **bindings,
@@ -255,8 +275,10 @@ class ReflectedPoints:
                 point_count=self._counts[1],
                 came_first=self._came_first[1],
             )
+        return True
 
-    def _splat_triangles(self, **bindings: Any) -> None:
+    def _splat_triangles(self, **bindings: Any) -> bool:
+        """As of `_splat_cloud`"""
         while True:
             self.device.fill(self.counters, 0)
             self.device.compute_kernel(SPLAT_TRIANGLES_OF_CLOUD, *self.flags).dispatch_linear(
@@ -271,10 +293,12 @@ class ReflectedPoints:
                 eye_pixel_angle=self._eye_pixel_angle,
             )
             if bindings["is_numbering"]:
-                return
+                return True
             self._batch_tile_count = int(self.device.read(self.counters)[0, 2])
             if self._batch_tile_count <= self.tiles.texel_count:
-                return
+                return True
+            if self._batch_tile_count > self._tile_limit and self._held is not None and self._held.group_count > 1:
+                return False
             self.tiles.reserve(self._batch_tile_count)
 
     def _masks(self, cubes: list[Cube]) -> np.ndarray:
