@@ -23,6 +23,7 @@ from tests.scenes import (
     snapshot,
     with_opacity,
 )
+from vir_addon.core.cost import cubes_ms
 from vir_addon.core.material import World
 from vir_addon.core.methods import reflected_points
 from vir_addon.core.methods.linear_store import LinearStore
@@ -208,6 +209,20 @@ def many_triangles(scene, count):
     """The same with meshes that only seem to have so many."""
     big = dataclasses.replace(scene.meshes[1], triangles=np.tile(scene.meshes[1].triangles, (count // scene.meshes[1].triangle_count, 1)))
     return dataclasses.replace(scene, meshes=(scene.meshes[0], big, *scene.meshes[2:]))
+
+
+def test_auto_leaves_cut_outs_to_the_rasterizer_at_once():
+    """A cloud would have it draw them all the same."""
+    scene = many_triangles(room_with_balls(rows=4), 2_000_000)
+    leaf = with_opacity(scene.meshes[1], np.ones((4, 4)), np.zeros((len(scene.meshes[1].positions_os), 2)))
+    foliage = dataclasses.replace(scene, meshes=(scene.meshes[0], leaf, *scene.meshes[2:]))
+    methods, times_ms = [], []
+    for each in (scene, foliage):
+        reflections = planned(each, Settings(effects=(Effect.REFLECTION,))).reflections
+        methods.append({reflector.method_text for reflector in reflections.reflectors})
+        times_ms.append([cubes_ms(each, Settings(), reflections.maps, method) for method in (ReflectionMethod.MVR, ReflectionMethod.EPR)])
+    assert methods == [{"epr"}, {"mvr"}]
+    assert times_ms[0][0] == times_ms[1][0] < times_ms[1][1]
 
 
 def test_auto_takes_the_cloud_for_many_triangles_and_the_rasterizer_for_few():

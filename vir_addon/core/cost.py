@@ -148,15 +148,23 @@ def reflections_ms(snapshot: SceneSnapshot, settings: Settings, planned: Planned
 def cubes_ms(snapshot: SceneSnapshot, settings: Settings, maps: Sequence[ReflectionMap], method: ReflectionMethod) -> float:
     """Finding what maps of reflectors show with a method, never AUTO; not what is made of it, which takes the same for all."""
     rates = RATES[settings.hardware]
-    triangles = snapshot.instanced_triangle_count
+    mesh = snapshot.instances.mesh_index
+    counts = np.array([each.triangle_count for each in snapshot.meshes], np.int64)[mesh]
+    is_cut_out = np.array([each.opacity_map is not None for each in snapshot.meshes], bool)[mesh]
     texels = sum(each.face_count * each.width_px * each.height_px for each in maps)
-    if method is ReflectionMethod.MVR:
+    # a cloud leaves what has an opacity map to the rasterizer
+    drawn = counts if method is ReflectionMethod.MVR else counts[is_cut_out]
+    raster_ns = 0.0
+    if method is ReflectionMethod.MVR or len(drawn):
         faces = sum(min(each.face_count, FACES_OF_INSTANCE) for each in maps)
-        draws = sum(each.face_count for each in maps) * (1 + NEW_DRAW_SHARE * len(snapshot.instances))
-        return (faces * triangles * rates.raster_triangle + draws * rates.raster_draw + texels * rates.raster_texel) * 1e-6
+        draws = sum(each.face_count for each in maps) * (1 + NEW_DRAW_SHARE * len(drawn))
+        raster_ns = faces * int(drawn.sum()) * rates.raster_triangle + draws * rates.raster_draw + texels * rates.raster_texel
+    if method is ReflectionMethod.MVR:
+        return raster_ns * 1e-6
     share = IVIR_SHARE if method is ReflectionMethod.IVIR else 1.0
+    triangles = int(counts[~is_cut_out].sum())
     splats = len(maps) * triangles * rates.splat_triangle
-    return (bool(maps) * share * (triangles * rates.collect_triangle + splats) + texels * rates.splat_texel) * 1e-6
+    return (raster_ns + bool(maps) * share * (triangles * rates.collect_triangle + splats) + texels * rates.splat_texel) * 1e-6
 
 
 def resolve_ms(snapshot: SceneSnapshot, settings: Settings, view_count: int) -> float:
