@@ -77,8 +77,9 @@ def settings_with(method: ReflectionMethod, **choices: Any) -> Settings:
 
 def render_once(scene: SceneSnapshot, settings: Settings, device: Device) -> tuple[dict[str, np.ndarray], ReflectionStatistics]:
     for progress in render(scene, plan(scene, settings_for(device, settings)), device):
-        if progress.batches_done == progress.batches_total and progress.statistics.reflections is not None:
-            return progress.passes, progress.statistics.reflections
+        found = progress.statistics.reflections
+        if progress.batches_done == progress.batches_total and found is not None and found.map_count:
+            return progress.passes, found
     raise RuntimeError("nothing reflects")
 
 
