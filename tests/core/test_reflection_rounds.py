@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.scenes import area_light, box, floor, matte, mirror, perspective_camera, prepared_renderer, rectangle, snapshot
+from vir_addon.core import render
 from vir_addon.core.light_work import LightWork
 from vir_addon.core.material import World
 from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL
@@ -70,6 +71,16 @@ def test_maps_have_as_much_memory_as_a_texture_holds(device):
     assert 64 <= held_mib < 1 << 16
     assert -(-(held_mib << 20) // (BYTES_PER_TEXEL * LINEAR_TEXTURE_WIDTH)) <= device.max_texture_size_px
     assert memory_for_maps(device, dataclasses.replace(asked, reflection_map_mib=32)).reflection_map_mib == 32
+
+
+def test_a_note_says_that_a_texture_holds_too_little_for_the_maps(device, monkeypatch):
+    def held(device, settings):
+        return dataclasses.replace(settings, reflection_map_mib=1)
+
+    monkeypatch.setattr(render, "memory_for_maps", held)
+    with prepared_renderer(mirrored_scene(160, 90), device, effects=(Effect.REFLECTION,), view_count=1) as renderer:
+        assert any("largest texture holds 1 MiB" in note for note in renderer.statistics.notes)
+        assert sum(each.texel_count for each in renderer.reflections.maps.maps) * BYTES_PER_TEXEL <= 1 << 20
 
 
 def test_lights_are_fitted_to_what_rough_reflectors_may_show_in_later_batches(device, monkeypatch):
