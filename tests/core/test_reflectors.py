@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from tests.core.test_reflections import box_colors, camera_rays, colored_box
-from tests.scenes import box, bumpy_sphere, floor, matte, mirror, perspective_camera, rectangle, render_passes, snapshot
+from tests.scenes import box, bumpy_sphere, camera_from_above, floor, matte, mirror, perspective_camera, rectangle, render_passes, snapshot
+from vir_addon.core import reflector_views
 from vir_addon.core.material import Constant, ImageSample, ImageTexels, Operation, TableLookup, World
 from vir_addon.core.material_program import combined, typical_value
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
@@ -82,6 +83,21 @@ def test_reflectors_behind_the_camera_call_for_no_second_bounce():
     found = reflectors_of(scene)
     assert found.bounces == 1
     assert [each.name for each in found.reflectors if each.runs] == ["ball 0"]
+
+
+def test_reasons_say_why_a_cube_is_where_it_is(monkeypatch):
+    """What parallel cameras and very fine meshes go without."""
+    glass, ball = rectangle("glass", (-1, -1, 0), (0.8, 0, 0), (0, 0.8, 0)), box("ball", (0.5, 0.5, 0.5), (0.3, 0.3, 0.3))
+    camera = camera_from_above((0, 0), 3.0, WIDTH, HEIGHT)
+    scene = snapshot([glass, ball], [], camera, WIDTH, HEIGHT, materials=[mirror()] * 2, world=World())
+    found = reflectors_of(scene).reflectors
+    assert {each.method_text for each in found} <= {"mvr", "epr"}
+    assert all("a parallel camera has neither mirrored views" in each.reason for each in found)
+    assert not any("triangles: its cube is around a place on it" in each.reason for each in found)
+    monkeypatch.setattr(reflector_views, "MAX_INSCRIBED_TRIANGLES", 11)
+    reasons = {each.name: each.reason for each in reflectors_of(scene).reflectors}
+    assert "triangles: its cube is around a place on it" in reasons["ball"]
+    assert "around a place" not in reasons["glass"]
 
 
 def test_small_reflectors_near_each_other_share_maps():
