@@ -336,6 +336,27 @@ def test_another_file(scene, viewport):
     assert is_at_work() == {False}
 
 
+def test_where_there_cannot_be_a_preview_the_viewport_says_why(scene, viewport, monkeypatch):
+    """As after a file was opened in which a newer Blender has it switched on."""
+    monkeypatch.setattr(running, "unavailable", lambda: "The preview needs something else")
+    switch_on(scene, viewport)
+    assert viewport.texts[-1] == "VIR: The preview needs something else" and not viewport.pictures
+
+
+def test_all_viewports_that_have_something_new_are_drawn(monkeypatch):
+    drawn = []
+    regions = {number: SimpleNamespace(tag_redraw=lambda number=number: drawn.append(number)) for number in range(3)}
+    viewports = {number: running.Shown((1, "Layer"), None, is_outdated=number != 1) for number in regions}
+    monkeypatch.setattr(running, "_running", running._Running(viewports=viewports, redraw_s=1.0, asked_s=time.perf_counter()))
+    running._ask_for_redraws(regions)
+    assert not drawn, "it is not due"
+    running._running.asked_s -= 10.0
+    running._ask_for_redraws(regions)
+    assert drawn == [0, 2]
+    running._ask_for_redraws(regions)
+    assert drawn == [0, 2]
+
+
 def test_what_local_view_hides_is_not_asked_with_every_redraw_of_an_orbit(scene, viewport, monkeypatch):
     switch_on(scene, viewport)
     address, asked = viewport.region.as_pointer(), []
