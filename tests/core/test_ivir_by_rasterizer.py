@@ -22,6 +22,8 @@ from vir_addon.core.errors import UsageError
 from vir_addon.core.plan import check_device, plan
 from vir_addon.core.settings import Method, PointGeneration, PointStorage, Settings
 
+pytestmark = pytest.mark.slow  # a variant to compare with; CI has twenty minutes
+
 COMPUTE, RASTERIZER = PointGeneration.COMPUTE, PointGeneration.RASTERIZER
 
 

@@ -64,7 +64,7 @@ def is_quick(name, method):
     """Points of rooms' walls around a lamp take longest; hybrid's are ivir's."""
     if method is Method.HYBRID:
         return name in ("one face", "cube")
-    return name in QUICK and not (method is Method.IVIR and name in ("cube of a point", "cube of a light at a wall"))
+    return name in QUICK and not (method is Method.IVIR and name.startswith("cube"))
 
 
 @pytest.mark.parametrize(

@@ -122,7 +122,7 @@ def test_culled_clouds_leave_no_holes_and_move_outlines_by_less_than_a_sample(de
         first += 6 * side**2
 
 
-@pytest.mark.parametrize(("rows", "share"), [(24, 0.02), (120, 0.1)])
+@pytest.mark.parametrize(("rows", "share"), [pytest.param(24, 0.02, marks=pytest.mark.slow), (120, 0.1)])
 def test_pictures_are_those_of_rasterized_cubes(device, rows, share):
     """Also of balls of which most triangles are left out."""
     scene = room_with_balls(rows)

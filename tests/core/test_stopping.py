@@ -50,7 +50,7 @@ def test_every_batch_is_the_pass_of_the_samples_so_far(device, method):
             assert rmse(image, truth.exact) < 0.02, batch
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [pytest.param(each, marks=pytest.mark.slow) if each is Method.IVIR else each for each in METHODS])
 def test_passes_only_get_better(device, method):
     scene = still_life(96, 54)
     arguments = {"method": method, "map_resolution_px": 512}

@@ -41,3 +41,14 @@ def device(request, device_called):
 @pytest.fixture(scope="session")
 def both(device_called):
     return [device_called(name) for name in DEVICE_NAMES]
+
+
+REPEATED_ON_THE_SECOND_DEVICE = ("test_cut_outs.py", "test_materials.py", "test_memory.py", "test_progressive.py")
+"""what belongs to the first device's passes; test_parity.py and test_devices.py hold the second one to it"""
+
+
+def pytest_collection_modifyitems(items):
+    """CI has twenty minutes."""
+    for item in items:
+        if item.path.name in REPEATED_ON_THE_SECOND_DEVICE and "[gpu" in item.name:
+            item.add_marker(pytest.mark.slow)

@@ -106,7 +106,8 @@ def test_checkered_card_in_splatted_maps(device, name):
     assert error_of_checkered_card(device, Method.IVIR, name, view_count=256) <= 0.01
 
 
-@pytest.mark.parametrize("method", [Method.HYBRID, *(pytest.param(each, marks=pytest.mark.slow) for each in (Method.VIR, Method.VWSS))])
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [Method.HYBRID, Method.VIR, Method.VWSS])
 def test_other_methods_draw_the_same_cut_outs(device, method):
     """With the thresholds of `mvr`, so that without points the picture is the same, but for `vir`, which takes them for splatted."""
     if method is Method.VWSS and not device.stores_from_fragments:

@@ -173,14 +173,8 @@ def test_an_error_between_batches_leaves_nothing(device, monkeypatch, error):
         assert holdings.made_count > 20 and not holdings.live
 
 
-@pytest.mark.parametrize(
-    "how",
-    [
-        pytest.param(how, marks=() if how == "micro" else pytest.mark.slow)
-        for how in HOW
-        if how not in ("vir", "vwss bufferless", "epr bufferless")
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [how for how in HOW if how not in ("vir", "vwss bufferless", "epr bufferless")])
 def test_whatever_there_is_no_memory_for(device_called, monkeypatch, how):
     """Each thing in turn is the one that cannot be had: what was made before it is released, once.
 
