@@ -1,7 +1,7 @@
 // What reflectors' cubes show of the scene, once for all of them: triangles and, with POINTS, points of the smaller ones. Of triangles
 // far below the finest spacing that any cube asks for some are left out at random.
 #include "lib/scene_data.glsl"
-#include "lib/linear_invocation.glsl"
+#include "lib/work_table.glsl"
 #include "lib/hash.glsl"
 #include "lib/lattice_cells.glsl"
 #include "lib/cubes.glsl"
@@ -64,13 +64,9 @@ bool emit_points(AlignedTriangle t, float spacing, Owner owner) {
 #endif
 
 void main() {
-    int group = linear_group();
-    if (group >= group_count) {
-        return;
-    }
-    vec4 work = texelFetch(work_table, linear_texel(group + first_group), 0);
-    int triangle_index = int(work.y) + int(gl_LocalInvocationID.x);
-    if (triangle_index >= int(work.z)) {
+    int group, triangle_index;
+    vec4 work;
+    if (!find_work(group, work, triangle_index)) {
         return;
     }
     InstanceData instance = load_instance(int(work.x));

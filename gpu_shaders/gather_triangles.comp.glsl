@@ -1,7 +1,7 @@
 // Collects the triangles that cast into the maps of a face: culled, placed and projected once, for all views.
 // What covers few texels in every view is small and fills the list from its start, the rest from its end.
 #include "lib/scene_data.glsl"
-#include "lib/linear_invocation.glsl"
+#include "lib/work_table.glsl"
 #include "lib/seen_space.glsl"
 
 bool is_small(vec3 corners_fs[4]) {
@@ -31,13 +31,9 @@ bool is_small(vec3 corners_fs[4]) {
 }
 
 void main() {
-    int group = linear_group();
-    if (group >= group_count) {
-        return;
-    }
-    vec4 work = texelFetch(work_table, linear_texel(group + first_group), 0);
-    int triangle_index = int(work.y) + int(gl_LocalInvocationID.x);
-    if (triangle_index >= int(work.z)) {
+    int group, triangle_index;
+    vec4 work;
+    if (!find_work(group, work, triangle_index)) {
         return;
     }
     InstanceData instance = load_instance(int(work.x));

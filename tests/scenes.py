@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pytest
 
 from vir_addon.core.material import BLACK, WHITE, Constant, Material, World
 from vir_addon.core.pass_set import shadow_pass_name
@@ -21,6 +22,8 @@ CENTRES_ONLY = PixelFilter(FilterShape.BOX, 0.0)
 """every eye sample at the pixel's centre: what a float64 computation can repeat exactly"""
 METHODS = (Method.MVR, Method.IVIR, Method.MICRO)
 """what `auto` chooses from"""
+METHODS_BUT_SLOW_IVIR = (Method.MVR, pytest.param(Method.IVIR, marks=pytest.mark.slow), Method.MICRO)
+"""the same where points take tens of seconds"""
 METHODS_AND_HYBRID = (*METHODS, Method.HYBRID)
 """those that promise the rasterizer's picture, of all kinds of light and on both devices; where it matters that a map has points and
 rasterized triangles, or who releases both"""

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.scenes import METHODS, area_light, camera_from_above, disc, floor, rectangle, render_pass, rmse, snapshot
-from vir_addon.core.settings import Method
+from tests.scenes import METHODS, METHODS_BUT_SLOW_IVIR, area_light, camera_from_above, disc, floor, rectangle, render_pass, rmse, snapshot
 
 LIGHT_HEIGHT_M, LIGHT_SIDE_M = 4.0, 1.0
 OCCLUDER_HEIGHT_M = 1.0
@@ -44,7 +43,7 @@ def rendered(device, occluder, method, width_m):
     return render_pass(scene, device, method=method, view_count=256)
 
 
-@pytest.mark.parametrize("method", [pytest.param(each, marks=pytest.mark.slow) if each is Method.IVIR else each for each in METHODS])
+@pytest.mark.parametrize("method", METHODS_BUT_SLOW_IVIR)
 def test_straight_edge(device, method):
     """A half plane x < 0."""
     width_m = 1.0  # the penumbra is a third of a metre wide

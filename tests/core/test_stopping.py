@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 
 from tests.ray_tracing import bracket_pass
-from tests.scenes import METHODS, area_light, box, bumpy_sphere, floor, perspective_camera, render_passes, rmse, snapshot
+from tests.scenes import (
+    METHODS,
+    METHODS_BUT_SLOW_IVIR,
+    area_light,
+    box,
+    bumpy_sphere,
+    floor,
+    perspective_camera,
+    render_passes,
+    rmse,
+    snapshot,
+)
 from vir_addon.core.plan import plan
 from vir_addon.core.render import Renderer, render
 from vir_addon.core.settings import Method, Settings
@@ -50,7 +61,7 @@ def test_every_batch_is_the_pass_of_the_samples_so_far(device, method):
             assert rmse(image, truth.exact) < 0.02, batch
 
 
-@pytest.mark.parametrize("method", [pytest.param(each, marks=pytest.mark.slow) if each is Method.IVIR else each for each in METHODS])
+@pytest.mark.parametrize("method", METHODS_BUT_SLOW_IVIR)
 def test_passes_only_get_better(device, method):
     scene = still_life(96, 54)
     arguments = {"method": method, "map_resolution_px": 512}

@@ -93,8 +93,8 @@ def _add_plan(state: SceneState, layer_name: str, job: LayerJob) -> None:
         for reflector in job.plan.reflections.lines:
             how = f"{reflector.method_text}: {reflector.reason}" if reflector.runs and reflector.method_text else reflector.reason
             # instances of one object share its name, in several view layers as well: what is told is how they are drawn where any is
-            is_known, (is_drawn, _) = reflector.name in state.reflectors, state.reflectors.get(reflector.name, (False, ""))
-            if reflector.maps or not is_known or (reflector.runs and not is_drawn):
+            runs, _ = state.reflectors.get(reflector.name, (None, ""))
+            if reflector.maps or runs is None or reflector.runs > runs:
                 state.reflectors[reflector.name] = (reflector.runs, how)
     state.notes = tuple(dict.fromkeys((*state.notes, *job.plan.notes)))
     state.left_out = tuple(sorted({*state.left_out, *(f"{item.object_name}: {item.reason}" for item in job.snapshot.left_out)}))

@@ -266,11 +266,12 @@ class Renderer:
         if new or not shared:
             self._render_eye(eye, 0)
             yield None
+        seen = self._positions_seen(eye) if self.reflects else []
         if new or self.reflects:
             with self.stopwatch.stage("read-back"):
-                positions, normals = (self.device.read(texture) for texture in eye.buffers[0])
-        if self.plan.reflections is not None and self.plan.reflections.runs:
-            seen = self._positions_seen(eye)
+                positions = seen[0] if seen else self.device.read(eye.buffers[0].positions)
+                normals = self.device.read(eye.buffers[0].normals)
+        if self.reflects:
             in_sight = self._seen_reflectors(seen)
             self.reflects = in_sight.runs
             if self.reflects:
