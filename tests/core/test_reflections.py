@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.ray_tracing import world_triangles
+from tests.ray_tracing import intersect, world_triangles
 from tests.scenes import box, bumpy_sphere, floor, matte, mirror, perspective_camera, point_light, rectangle, render_passes, snapshot
 from vir_addon.core.material import World
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
@@ -155,7 +155,8 @@ def test_flat_mirror_shows_what_a_mirrored_camera_sees(device):
     mask = (shown[REFLECTION_COLOR_PASS_NAME] > 0.99).all(axis=-1)
     assert mask.sum() > 3000
 
-    # by brute force: mirrored rays against all triangles but the mirror's
+    # by brute force: mirrored rays of every third pixel against all triangles but the mirror's
+    mask &= np.arange(mask.size).reshape(mask.shape) % 3 == 0
     eye, directions = camera_rays(camera, WIDTH, HEIGHT)
     normal = np.cross((3, 0, 0), (0, -0.3, 2))
     normal = normal / np.linalg.norm(normal)
@@ -173,22 +174,14 @@ def nearest_instance(scene, origins, directions, leave_out):
     """(n,) instance that each ray meets first, -1 for none, in float64."""
     triangles = world_triangles(scene)
     kept = triangles.instance != leave_out
-    a, b, c = np.moveaxis(triangles.corners[kept], 1, 0)
     owner = np.append(triangles.instance[kept], -1)
     found = []
-    for origin, direction in zip(origins, directions, strict=True):
-        p = np.cross(direction, c - a)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = 1 / (p * (b - a)).sum(axis=1)
-            s = origin - a
-            u = (s * p).sum(axis=1) * inverse
-            q = np.cross(s, b - a)
-            v = (q @ direction) * inverse
-            along = (q * (c - a)).sum(axis=1) * inverse
-            hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (along > 1e-6)
-        along = np.append(np.where(hit, along, np.inf), 1e30)
-        found.append(owner[np.argmin(along)])
-    return np.array(found)
+    for first in range(0, len(origins), 512):
+        rays = slice(first, first + 512)
+        along, _ = intersect(origins[rays], directions[rays], triangles.corners[kept])
+        along[along <= 1e-6] = np.inf
+        found.append(owner[np.argmin(np.pad(along, ((0, 0), (0, 1)), constant_values=1e30), axis=1)])
+    return np.concatenate(found)
 
 
 @pytest.mark.parametrize("bounces", [2, *(pytest.param(each, marks=pytest.mark.slow) for each in (1, 3))])

@@ -73,7 +73,12 @@ def test_a_leaning_mirror_is_flat_though_the_eye_is_within_its_box():
     glass = rectangle("glass", (-2, -2, 0), (4, 0, 0), (0, 4, 4))
     camera = perspective_camera((0.0, -1.0, 2.0), (0.0, 1.0, 2.5), WIDTH, HEIGHT, 0.6)
     scene = snapshot([floor(4.0), glass], [], camera, WIDTH, HEIGHT, materials=[matte(), mirror()], world=World())
-    assert [each.method_text for each in reflectors_of(scene).reflectors] == ["planar"]
+    (planar,) = reflectors_of(scene).reflectors
+    assert planar.method_text == "planar"
+    assert [each.is_cube for each in planar.maps] == [False, True]
+    (as_published,) = reflectors_of(scene, planar=False).reflectors
+    assert as_published.method_text == "mvr"
+    assert [each.is_cube for each in as_published.maps] == [True]
 
 
 def test_reflectors_behind_the_camera_call_for_no_second_bounce():

@@ -199,7 +199,12 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         type=partial(_parse_choice, ReflectionMethod),
         default=defaults.reflection_method,
         metavar="|".join(method.value for method in ReflectionMethod),
-        help="how reflectors' cubes are made: one by one by the rasterizer (mvr), or all from one cloud (ivir, epr); default: the quicker",
+        help="how reflectors' cubes are made: each by the rasterizer (mvr), or from one cloud (ivir, epr); default: the quicker for each",
+    )
+    parser.add_argument(
+        "--no-planar",
+        action="store_true",
+        help="cubes for flat reflectors too, which otherwise have the mirrored eye's view with any method: what the papers compare with",
     )
     parser.add_argument(
         "--points-per-eye-pixel",
@@ -245,6 +250,7 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         per_reflector=arguments.per_reflector,
         reflection_map_mib=arguments.reflection_map_mib,
         reflection_method=arguments.reflection_method,
+        planar=not arguments.no_planar,
         reflection_look_up=arguments.reflection_look_up,
         method=method,
         points=arguments.points,

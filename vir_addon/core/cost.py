@@ -147,24 +147,47 @@ def reflections_ms(snapshot: SceneSnapshot, settings: Settings, planned: Planned
 
 def cubes_ms(snapshot: SceneSnapshot, settings: Settings, maps: Sequence[ReflectionMap], method: ReflectionMethod) -> float:
     """Finding what maps of reflectors show with a method, never AUTO; not what is made of it, which takes the same for all."""
-    rates = RATES[settings.hardware]
-    mesh = snapshot.instances.mesh_index
-    counts = np.array([each.triangle_count for each in snapshot.meshes], np.int64)[mesh]
-    is_cut_out = np.array([each.opacity_map is not None for each in snapshot.meshes], bool)[mesh]
-    texels = sum(each.face_count * each.width_px * each.height_px for each in maps)
-    # a cloud leaves what has an opacity map to the rasterizer
-    drawn = counts if method is ReflectionMethod.MVR else counts[is_cut_out]
-    raster_ns = 0.0
-    if method is ReflectionMethod.MVR or len(drawn):
-        faces = sum(min(each.face_count, FACES_OF_INSTANCE) for each in maps)
-        draws = sum(each.face_count for each in maps) * (1 + NEW_DRAW_SHARE * len(drawn))
-        raster_ns = faces * int(drawn.sum()) * rates.raster_triangle + draws * rates.raster_draw + texels * rates.raster_texel
+    return float(each_cube_ms(snapshot, settings, maps, method).sum()) + bool(maps) * cloud_ms(snapshot, settings, method)
+
+
+def cloud_ms(snapshot: SceneSnapshot, settings: Settings, method: ReflectionMethod) -> float:
+    """What all cubes made with a method, never AUTO, share: the walk over the scene."""
     if method is ReflectionMethod.MVR:
-        return raster_ns * 1e-6
-    share = IVIR_SHARE if method is ReflectionMethod.IVIR else 1.0
-    triangles = int(counts[~is_cut_out].sum())
-    splats = len(maps) * triangles * rates.splat_triangle
-    return (raster_ns + bool(maps) * share * (triangles * rates.collect_triangle + splats) + texels * rates.splat_texel) * 1e-6
+        return 0.0
+    counts, is_cut_out = _instances_triangles(snapshot)
+    return _cloud_share(method) * int(counts[~is_cut_out].sum()) * RATES[settings.hardware].collect_triangle * 1e-6
+
+
+def each_cube_ms(snapshot: SceneSnapshot, settings: Settings, maps: Sequence[ReflectionMap], method: ReflectionMethod) -> np.ndarray:
+    """(n,) besides that. A cloud leaves what has an opacity map to the rasterizer."""
+    rates = RATES[settings.hardware]
+    counts, is_cut_out = _instances_triangles(snapshot)
+    times_ns = []
+    for drawn in maps:
+        shown = drawn.instances
+        rasterized = shown if method is ReflectionMethod.MVR else shown[is_cut_out[shown]]
+        texels = drawn.face_count * drawn.width_px * drawn.height_px
+        time_ns = 0.0
+        if method is ReflectionMethod.MVR or len(rasterized):
+            draws = drawn.face_count * (1 + NEW_DRAW_SHARE * len(rasterized))
+            triangles = min(drawn.face_count, FACES_OF_INSTANCE) * int(counts[rasterized].sum())
+            time_ns += triangles * rates.raster_triangle + draws * rates.raster_draw + texels * rates.raster_texel
+        if method is not ReflectionMethod.MVR:
+            splats = _cloud_share(method) * int(counts[shown[~is_cut_out[shown]]].sum())
+            time_ns += splats * rates.splat_triangle + texels * rates.splat_texel
+        times_ns.append(time_ns)
+    return np.array(times_ns, np.float64) * 1e-6
+
+
+def _instances_triangles(snapshot: SceneSnapshot) -> tuple[np.ndarray, np.ndarray]:
+    """(instance_count,) triangles, and whether they have an opacity map"""
+    mesh = snapshot.instances.mesh_index
+    counts = np.array([each.triangle_count for each in snapshot.meshes], np.int64)
+    return counts[mesh], np.array([each.opacity_map is not None for each in snapshot.meshes], bool)[mesh]
+
+
+def _cloud_share(method: ReflectionMethod) -> float:
+    return IVIR_SHARE if method is ReflectionMethod.IVIR else 1.0
 
 
 def resolve_ms(snapshot: SceneSnapshot, settings: Settings, view_count: int) -> float:

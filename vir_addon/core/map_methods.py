@@ -1,4 +1,4 @@
-"""How reflectors' cubes are made: one by one by the rasterizer, or all from one cloud."""
+"""How reflectors' cubes are made: each by the rasterizer, or with others from one cloud."""
 
 from __future__ import annotations
 
@@ -17,40 +17,50 @@ if TYPE_CHECKING:
 def with_methods(reflectors: list[Reflector], snapshot: SceneSnapshot, settings: Settings) -> list[Reflector]:
     """The same with what makes their cubes. Single views stay the rasterizer's."""
     cubes = list({id(each): each for reflector in reflectors for each in reflector.maps if each.is_cube}.values())
-    method, reason = _choice(cubes, snapshot, settings)
-    if method is ReflectionMethod.MVR:
-        return [_explained(each, reason) for each in reflectors]
-    splatted = {id(each): replace(each, method=method) for each in cubes}
+    choices = dict(zip(map(id, cubes), _choices(cubes, snapshot, settings), strict=True))
+    made = {id(each): replace(each, method=choices[id(each)][0]) for each in cubes}
 
     def changed(drawn: ReflectionMap | None) -> ReflectionMap | None:
-        return splatted.get(id(drawn), drawn)
+        return made.get(id(drawn), drawn)
 
-    return [
-        _explained(
+    found = []
+    for each in reflectors:
+        own = [choices[id(drawn)] for drawn in each.maps if drawn.is_cube]
+        if not own:
+            found.append(each)
+            continue
+        # a reflector has one cube
+        method, reason = own[0]
+        found.append(
             replace(
                 each,
                 seen=changed(each.seen),
                 met=changed(each.met),
                 aside=changed(each.aside),
-                itself=changed(each.itself),
+                reason=f"{each.reason}; {reason}",
                 method_text=method.value if each.method_text == ReflectionMethod.MVR.value else each.method_text,
-            ),
-            reason,
+            )
         )
-        for each in reflectors
+    return found
+
+
+def _choices(cubes: list[ReflectionMap], snapshot: SceneSnapshot, settings: Settings) -> list[tuple[ReflectionMethod, str]]:
+    """Of each cube the method, never AUTO, and why."""
+    if settings.reflection_method is not ReflectionMethod.AUTO:
+        return [(settings.reflection_method, f"{settings.reflection_method.value} as asked")] * len(cubes)
+    mvr_ms, epr_ms = (cost.each_cube_ms(snapshot, settings, cubes, each) for each in (ReflectionMethod.MVR, ReflectionMethod.EPR))
+    # the cloud takes its time once: those that are quicker splatted are so if they are together
+    gains = epr_ms < mvr_ms
+    drawn_ms = float(mvr_ms[gains].sum())
+    splatted_ms = float(epr_ms[gains].sum()) + cost.cloud_ms(snapshot, settings, ReflectionMethod.EPR)
+    together = _choice(drawn_ms, splatted_ms, f"{int(gains.sum())} cubes here")
+    return [
+        together if gains_by_it else _choice(own_mvr_ms, own_epr_ms, "its cube")
+        for gains_by_it, own_mvr_ms, own_epr_ms in zip(gains, mvr_ms, epr_ms, strict=True)
     ]
 
 
-def _explained(reflector: Reflector, reason: str) -> Reflector:
-    has_cube = any(each.is_cube for each in reflector.maps)
-    return replace(reflector, reason=f"{reflector.reason}; {reason}") if has_cube and reason else reflector
-
-
-def _choice(cubes: list[ReflectionMap], snapshot: SceneSnapshot, settings: Settings) -> tuple[ReflectionMethod, str]:
-    """The method, never AUTO, and why."""
-    if settings.reflection_method is not ReflectionMethod.AUTO:
-        return settings.reflection_method, f"{settings.reflection_method.value} as asked"
-    times_ms = {method: cost.cubes_ms(snapshot, settings, cubes, method) for method in (ReflectionMethod.MVR, ReflectionMethod.EPR)}
+def _choice(mvr_ms: float, epr_ms: float, what: str) -> tuple[ReflectionMethod, str]:
+    times_ms = {ReflectionMethod.MVR: mvr_ms, ReflectionMethod.EPR: epr_ms}
     method, other = sorted(times_ms, key=lambda each: times_ms[each])
-    ratio = times_ms[other] / max(times_ms[method], 1e-9)
-    return method, f"{method.value} about {ratio:.1f} times faster than {other.value} for {len(cubes)} cubes here" if cubes else ""
+    return method, f"{method.value} about {times_ms[other] / max(times_ms[method], 1e-9):.1f} times faster than {other.value} for {what}"

@@ -143,7 +143,7 @@ def choose_reflectors(
     found = [
         _plan_group(snapshot, bounds, group, is_measured=seen is not None)
         if len(group) > 1
-        else _plan_reflector(snapshot, bounds, group[0], bounces, is_measured=seen is not None)
+        else _plan_reflector(snapshot, bounds, group[0], bounces, settings, is_measured=seen is not None)
         for group in groups
     ]
     unmapped = [(each.name, each.own, TOO_SMALL) for each in left_out]
@@ -253,14 +253,16 @@ def _grouped(snapshot: SceneSnapshot, indices: np.ndarray) -> list[np.ndarray]:
     return [np.array(group, np.int64) for group in groups.values()]
 
 
-def _plan_reflector(snapshot: SceneSnapshot, bounds: SceneBounds, candidate: Candidate, bounces: int, *, is_measured: bool) -> Reflector:
+def _plan_reflector(
+    snapshot: SceneSnapshot, bounds: SceneBounds, candidate: Candidate, bounces: int, settings: Settings, *, is_measured: bool
+) -> Reflector:
     """Of one that the eye sees. is_measured: not only a guess by its box"""
     name, own = candidate.name, candidate.own
     corners = bounds.corners_ws[own].reshape(-1, 3)
     covered_px = covered_size_px(snapshot, corners)
     reason = f"{candidate.ray_count} px in the picture" if is_measured else f"{covered_px[0]} x {covered_px[1]} px in the picture"
     side_px = cube_size_px(max(covered_px))
-    plane = flat_plane(snapshot, own)
+    plane = flat_plane(snapshot, own) if settings.planar else None
     if snapshot.camera.is_orthographic:
         reason += "; a parallel camera has neither mirrored views nor views of reflectors themselves"
     if plane is not None and not snapshot.camera.is_orthographic:

@@ -147,6 +147,8 @@ class Settings:
     bounces: int | None = None
     """how often light is followed from reflector to reflector; None: as often as the scene calls for, at most twice"""
     reflection_method: ReflectionMethod = ReflectionMethod.AUTO
+    planar: bool = True
+    """mirrored views of flat reflectors; without, they have cubes as all have, which is the papers' baseline"""
     reflection_look_up: ReflectionLookUp = ReflectionLookUp.MARCH
     reflection_sample_count: int = 32
     """rays of every pixel that shows a reflector, each at another place in the pixel and, on rough surfaces, in another direction"""
