@@ -7,6 +7,9 @@ DEMO_PASSES := out/passes
 WHEELS := build/wheels
 # of `make bench` and `make bench-peers`, e.g. BENCH_OPTIONS="--model dragon.ply.gz --rounds 3"
 BENCH_OPTIONS ?=
+# Processes that share the tests, a file to one of them; each takes up to 2.5 GB.
+TEST_PROCESSES ?= 2
+PYTEST_OPTIONS := --numprocesses $(TEST_PROCESSES) --dist loadfile
 # What both Blenders must do; tests/lts adds what only 4.5 does.
 LTS_TESTS := tests/lts tests/blender tests/core/test_exr.py tests/test_registration.py tests/test_extension.py
 
@@ -43,10 +46,10 @@ demo: setup $(DEMO_BLEND)
 	@echo "Done. The passes (EXR), their previews and the contact sheet (PNG) are in $(CURDIR)/$(DEMO_PASSES)"
 
 test: setup
-	$(PYTHON) -m pytest -m "not slow"
+	$(PYTHON) -m pytest $(PYTEST_OPTIONS) -m "not slow"
 
 test-all: setup test-lts
-	$(PYTHON) -m pytest
+	$(PYTHON) -m pytest $(PYTEST_OPTIONS)
 
 # Not a part of the others: needs a Blender with a window. BLENDER=/path/to/blender make test-blender
 test-blender: extension
@@ -54,7 +57,7 @@ test-blender: extension
 	$(PYTHON) -m tests.real_blender dist out/real_blender
 
 test-lts: setup-lts
-	$(PYTHON_LTS) -m pytest -m "not slow" $(LTS_TESTS)
+	$(PYTHON_LTS) -m pytest $(PYTEST_OPTIONS) -m "not slow" $(LTS_TESTS)
 
 bench: setup
 	$(PYTHON) -m tests.benchmarks $(BENCH_OPTIONS)
