@@ -15,6 +15,7 @@ from vir_addon.__main__ import main
 from vir_addon.cli.commands import jobs_of
 from vir_addon.cli.progress import ShownProgress
 from vir_addon.core.settings import Settings
+from vir_addon.device.moderngl_device import ModernglDevice
 
 bpy = pytest.importorskip("bpy")
 OpenEXR = pytest.importorskip("OpenEXR")
@@ -110,6 +111,13 @@ def test_plan_says_why_and_does_nothing(blend, folder):
     done = vir("plan", blend)
     assert done.returncode == 0 and "Key.001" in done.stdout and "rectangle" in done.stdout
     assert sorted(folder.rglob("*")) == before
+
+
+def test_plan_refuses_what_its_device_cannot_run(blend, monkeypatch, capsys):
+    monkeypatch.setattr(ModernglDevice, "stores_from_fragments", False)
+    assert main(["plan", str(blend), "--method", "vwss"]) == 2
+    printed, errors = capsys.readouterr()
+    assert "choose the device moderngl, or the method ivir" in errors and "as asked" not in printed
 
 
 def test_doctor():

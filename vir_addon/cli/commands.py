@@ -47,24 +47,29 @@ def open_scene(arguments: argparse.Namespace) -> Any:
 def run_plan(arguments: argparse.Namespace, console: Console) -> None:
     settings = settings_of(arguments)
     scene = open_scene(arguments)
-    settings = _settings_for_named_device(arguments.device, settings, console)
-    for frame in arguments.frames or [scene.frame_current]:
-        jobs = jobs_of(scene, frame, settings, arguments.resolution, lambda step: None)
-        for job in jobs.values():
-            report.print_plan(console, job.snapshot, job.plan)
+    from ..core.plan import check_device, settings_for
+
+    with contextlib.ExitStack() as opened:
+        device = _device_to_plan_for(arguments.device, settings, console, opened)
+        if device is not None:
+            settings = settings_for(device, settings)
+        for frame in arguments.frames or [scene.frame_current]:
+            jobs = jobs_of(scene, frame, settings, arguments.resolution, lambda step: None)
+            for job in jobs.values():
+                if device is not None:
+                    check_device(job.plan, device)
+                report.print_plan(console, job.snapshot, job.plan)
 
 
-def _settings_for_named_device(name: str, settings: Settings, console: Console) -> Settings:
-    """A plan needs no device: without one it is for a software rasterizer, and says so."""
-    from ..core.plan import settings_for
+def _device_to_plan_for(name: str, settings: Settings, console: Console, opened: contextlib.ExitStack) -> Device | None:
+    """A plan needs no device: without one it is for a software rasterizer, and says so. opened: what closes it"""
     from ..device.open import open_device
 
     try:
-        with contextlib.closing(open_device(name)) as device:
-            return settings_for(device, settings)
+        return opened.enter_context(contextlib.closing(open_device(name)))
     except DeviceError as error:
         console.print(f"note: planned for {settings.hardware.value}, as {error}", highlight=False, markup=False)
-        return settings
+        return None
 
 
 def jobs_of(
