@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.ray_tracing import delivered, intersect, primary_surfaces, samples_in_world, world_triangles
 from tests.scenes import area_light, box, bumpy_sphere, camera_from_above, floor, perspective_camera, rectangle, snapshot
 from vir_addon.core.bounds import compute_bounds
-from vir_addon.core.fit import fit_light
+from vir_addon.core.fit import _may_be_outermost, _tangent_bounds, _union, fit_light
 from vir_addon.core.reach import select_receivers
 from vir_addon.core.sampling import light_samples
 
@@ -108,3 +108,23 @@ def test_whatever_is_shadowed_lies_in_a_window(scene):
     assert len(faces) <= (5 if is_cube else 1)
     lost = lost_pairs(scene, light, samples_m, faces, surfaces, triangles)
     assert not lost, lost[:5]
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 1 << 30), spread=st.floats(0.1, 20.0), light_m=st.floats(0.0, 2.0))
+def test_points_that_are_left_out_change_no_view_s_bounds(seed, spread, light_m):
+    """To the last bit, with points beside the face and behind the light among them."""
+    rng = np.random.default_rng(seed)
+    points = rng.normal((0, 0, 3), (spread, spread, 2), (300, 3))
+    eyes = rng.uniform(-light_m, light_m, (12, 3)) * (1, 1, 0.5)
+    limits, near_m = (-1.2, 1.2, -0.5, 1.2), 0.01
+    kept = points[_may_be_outermost(points, eyes, near_m, limits)]
+    for eye in eyes:
+        of_all, of_kept = (_union(_tangent_bounds((some - eye).T[:, None], near_m, limits)) for some in (points, kept))
+        assert (of_all == of_kept).all()
+
+
+def test_few_points_decide_the_windows_of_a_small_light():
+    rng = np.random.default_rng(1)
+    points, eyes = rng.normal((0, 0, 5), (1, 1, 0.5), (8000, 3)), rng.uniform(-0.1, 0.1, (8, 3))
+    assert _may_be_outermost(points, eyes, 0.01, (-1.2, 1.2, -1.2, 1.2)).mean() < 0.05

@@ -136,6 +136,26 @@ def finest_tangent(points_fs: np.ndarray, centers_fs: np.ndarray, widths_m: np.n
     return float((widths_m / distances).min()) / TEXELS_PER_EYE_PIXEL
 
 
+def _may_be_outermost(points: np.ndarray, eyes: np.ndarray, near_m: float, limits: tuple[float, float, float, float]) -> np.ndarray:
+    """(n,) bool: points, (n, 3) face space, without which some view, (m, 3) centres, might see narrower bounds of all. The others lie, for
+    every view, between points that all views see."""
+    low, high = eyes.min(axis=0), eyes.max(axis=0)
+    nearest, farthest = points[:, 2] - high[2], points[:, 2] - low[2]
+    is_before = nearest > near_m
+    is_seen, spans = is_before.copy(), []
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for axis in (0, 1):
+            left, right = points[:, axis] - high[axis], points[:, axis] - low[axis]
+            spans.append((np.minimum(left / nearest, left / farthest), np.maximum(right / nearest, right / farthest)))
+            is_seen &= (spans[axis][0] > limits[2 * axis]) & (spans[axis][1] < limits[2 * axis + 1])
+    may_be = ~is_before
+    for lowest, highest in spans:
+        # the second of each is what some point reaches in every view
+        may_be |= lowest <= highest[is_seen].min(initial=np.inf)
+        may_be |= highest >= lowest[is_seen].max(initial=-np.inf)
+    return may_be
+
+
 def _searched_places(points: np.ndarray, lit_from: np.ndarray, depth_m: float) -> np.ndarray:
     """With (n, 3) receivers, the (n * (1 + m), 3) places where rays from them to (m, 3) points of the light are at a depth. Between
     the two lies, seen from the light's centre, all that may be in the way. Face space"""
@@ -190,7 +210,8 @@ def fit_face(
     windows = np.zeros((4, len(eyes)))
     nearest_m = np.inf
     # coordinate by coordinate: views times corners are what this function's time goes by
-    receiving, casting = np.ascontiguousarray(points.T)[:, None], np.ascontiguousarray(corners.transpose(2, 1, 0))
+    outermost = points[_may_be_outermost(points, eyes, near_m, limits)]
+    receiving, casting = np.ascontiguousarray(outermost.T)[:, None], np.ascontiguousarray(corners.transpose(2, 1, 0))
     for index, eye in enumerate(eyes):
         received = _with_margin(_union(_tangent_bounds(receiving - eye[:, None, None], near_m, limits)), receivers.margin, limits)
         from_eye = casting - eye[:, None, None]

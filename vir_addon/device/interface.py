@@ -27,6 +27,18 @@ def split_integers(values: np.ndarray) -> np.ndarray:
     return np.stack([values >> 16, values & 0xFFFF], axis=-1).astype(np.float32)
 
 
+def spread_out(count: int) -> np.ndarray:
+    """(count,) int64: all of range(count) in an order of which every half, quarter, ... has some of everywhere (bits are reversed).
+
+    For lists that kernels walk: of a dispatch Mesa's software rasterizer hands each of its threads one part of the groups, as many as the
+    others', and where one part takes longer the others wait.
+    """
+    numbers = np.arange(count)
+    bits = max(count - 1, 0).bit_length()
+    reversed_bits = sum(((numbers >> bit & 1) << (bits - 1 - bit) for bit in range(bits)), np.zeros(count, np.int64))
+    return np.argsort(reversed_bits)
+
+
 class TextureFormat(enum.Enum):
     """name -> (channels, numpy dtype of a read-back)"""
 

@@ -11,13 +11,14 @@ A list too long for its memory is processed in portions, each gathered again for
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ...device.interface import LINEAR_TEXTURE_WIDTH, Texture, TextureFormat, split_integers
+from ...device.interface import LINEAR_TEXTURE_WIDTH, Texture, TextureFormat, split_integers, spread_out
 from ...device.owned import Owned
 from ..passes.shadow_maps import DepthMaps
 from ..passes.small_triangles import BLOCK_TEXELS, GATHER_TRIANGLES, KEEP_SEEN_TRIANGLES, ORDER_TRIANGLES, RASTERIZE_SMALL_TRIANGLES
@@ -174,8 +175,7 @@ class MicroTriangleRasterization(ReplayMethod):
         capacity = min(self.small_count, self.capacity_limit)
         with Owned() as temporary:
             kept = temporary.own(LinearStore(self.device, TEXELS_PER_TRIANGLE * capacity))
-            blocks = -(-self.fitted.views.map_width_px // BLOCK_TEXELS) * -(-self.fitted.views.map_height_px // BLOCK_TEXELS)
-            rows = -(-blocks // LINEAR_TEXTURE_WIDTH)
+            rows = -(-math.prod(self._block_grid) // LINEAR_TEXTURE_WIDTH)
             block_counts = temporary.own(self.device.create_texture(LINEAR_TEXTURE_WIDTH, rows, TextureFormat.R32UI))
             self.device.fill(block_counts, 0)
             kept_count = 0
@@ -201,14 +201,21 @@ class MicroTriangleRasterization(ReplayMethod):
         self._portions = [self._gathered]
         self.kept_count = kept_count
 
+    @property
+    def _block_grid(self) -> tuple[int, int]:
+        """rows and columns"""
+        return -(-self.fitted.views.map_height_px // BLOCK_TEXELS), -(-self.fitted.views.map_width_px // BLOCK_TEXELS)
+
     def _order(self, count: int, block_counts: Texture) -> None:
         """The list in an order in which neighbours in the maps follow each other, and no longer than it is."""
-        counts = self.device.read(block_counts).ravel().astype(np.int64)
+        rows, columns = self._block_grid
+        order = spread_out(rows)
+        counts = self.device.read(block_counts).ravel()[: rows * columns].reshape(rows, columns)[order].astype(np.int64)
         self.device.fill(block_counts, 0)
         with Owned() as temporary:
-            starts = np.zeros((len(counts), 4), np.float32)
-            starts[:, :2] = split_integers(np.cumsum(counts) - counts)
-            block_starts = temporary.own(self.device.upload_array(starts))
+            starts = np.zeros((rows, columns, 4), np.float32)
+            starts[order, :, :2] = split_integers((np.cumsum(counts) - counts.ravel()).reshape(rows, columns))
+            block_starts = temporary.own(self.device.upload_array(starts.reshape(-1, 4)))
             ordered = temporary.own(LinearStore(self.device, max(TEXELS_PER_TRIANGLE * count, 1)))
             self.device.compute_kernel(ORDER_TRIANGLES).dispatch_linear(
                 count,

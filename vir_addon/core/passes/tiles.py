@@ -9,11 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from ...device.declaration import Constant, Sampled
-from ...device.interface import ComputeKernel, Device
+from ...device.interface import ComputeKernel, Device, spread_out
 from ...device.owned import Owned
 
 TILE_PX = 8
 """a kernel that walks tiles has groups of TILE_PX x TILE_PX invocations"""
+BAND_ROWS = 4
+"""rows of tiles that follow each other in a list: what lies near in the picture lies near in the maps"""
 PROBE_STEP_PX = 4
 """With the flag PROBES a kernel looks at one pixel in PROBE_STEP_PX x PROBE_STEP_PX only, at others in every batch."""
 PROBE_COUNT = PROBE_STEP_PX**2
@@ -67,7 +69,11 @@ class Tiles:
 
     def __init__(self, device: Device, wanted: np.ndarray, numbers: np.ndarray | None = None) -> None:
         """wanted: (rows, columns) bool; numbers: (rows, columns, 2), z and w of the list"""
-        rows, columns = np.nonzero(wanted)
+        bands = spread_out(-(-len(wanted) // BAND_ROWS))
+        order = (BAND_ROWS * bands[:, None] + np.arange(BAND_ROWS)).ravel()
+        order = order[order < len(wanted)]
+        rows, columns = np.nonzero(wanted[order])
+        rows = order[rows]
         texels = np.zeros((len(rows), 4), np.float32)
         texels[:, 0], texels[:, 1] = columns, rows
         if numbers is not None:
