@@ -15,6 +15,10 @@ from .base import FaceJob
 from .ivir import ImprovedViewIndependentRasterization
 from .large_triangles import BYTES_PER_TRIANGLE, TEXELS_PER_TRIANGLE, LargeTriangles
 
+EXPECTED_LARGE_SHARE = 1 / 16
+MOST_EXPECTED_LARGE = 1 << 17
+"""Half as many large triangles as the first list has room for: 12 MiB at most."""
+
 
 class HybridRasterization(ImprovedViewIndependentRasterization):
     buffer_triangles = BUFFER_SMALL_TRIANGLES
@@ -29,6 +33,9 @@ class HybridRasterization(ImprovedViewIndependentRasterization):
         self._has_listed = False
 
     def _prepare(self) -> None:
+        expected = min(int(EXPECTED_LARGE_SHARE * self.caster_triangle_count), MOST_EXPECTED_LARGE)
+        # a list that turns out too short costs another walk over all triangles
+        self._fits(self.parts, TEXELS_PER_TRIANGLE, expected)
         super()._prepare()
         if self.storage is PointStorage.BUFFERLESS:
             # the rasterizer comes before the first points: a buffer without room leaves only the list
