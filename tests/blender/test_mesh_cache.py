@@ -7,8 +7,11 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from vir_addon.blender.extract import SceneReading, snapshot  # noqa: E402  (bpy decides whether this file runs)
+from tests.blender.test_material_opacity import Nodes, square  # noqa: E402  (bpy decides whether this file runs)
+from tests.blender.test_material_surface import saved_image  # noqa: E402
+from vir_addon.blender.extract import SceneReading, snapshot  # noqa: E402
 from vir_addon.blender.mesh_cache import MeshCache  # noqa: E402
+from vir_addon.core.material_program import sampled_images  # noqa: E402
 from vir_addon.core.scene import SceneSnapshot, has_same_meshes, has_same_picture  # noqa: E402
 
 
@@ -21,9 +24,9 @@ class Watched:
     def note(self, scene, depsgraph) -> None:
         self.cache.note_updates(depsgraph)
 
-    def take(self, budget_s: float = float("inf")) -> SceneSnapshot:
+    def take(self, budget_s: float = float("inf"), *, with_materials: bool = False) -> SceneSnapshot:
         depsgraph = bpy.context.evaluated_depsgraph_get()
-        reading = SceneReading(cache=self.cache)
+        reading = SceneReading(cache=self.cache, with_materials=with_materials)
         steps, answer, self.slice_count = reading.steps(depsgraph), None, 1
         with contextlib.suppress(StopIteration):
             while True:
@@ -193,3 +196,87 @@ def test_undoing_forgets(watched, garden):
     read_count = watched.cache.read_count
     check_against_reading_everything(watched)
     assert watched.cache.read_count == 2 * read_count
+
+
+@pytest.fixture
+def pictures(scene, add, tmp_path):
+    """A leaf with an image for its colour and its opacity, and a sky that is an image times a strength."""
+    nodes, rng = Nodes("leaf"), np.random.default_rng(1)
+    images = {name: saved_image(tmp_path, name, rng.random((8, 8, 4), np.float32)) for name in ("leaf", "sky")}
+    texture, shader = nodes.texture(images["leaf"]), nodes.principled()
+    nodes.link(texture.outputs["Color"], shader.inputs["Base Color"])
+    nodes.link(texture.outputs["Alpha"], shader.inputs["Alpha"])
+    leaf = square(add, nodes)
+    world = scene.world = bpy.data.worlds.new("World")
+    if bpy.app.version < (5, 0):
+        world.use_nodes = True
+    background = world.node_tree.get_output_node("ALL").inputs["Surface"].links[0].from_node
+    background.inputs["Strength"].default_value = 2.0
+    sky = world.node_tree.nodes.new("ShaderNodeTexEnvironment")
+    sky.image = images["sky"]
+    world.node_tree.links.new(sky.outputs["Color"], background.inputs["Color"])
+    return {**images, "shader": shader, "background": background, "leaf object": leaf}
+
+
+def look_of(taken: SceneSnapshot) -> list[np.ndarray]:
+    """All that was read of images."""
+    (image,) = sampled_images(taken.materials[0].diffuse)
+    return [image.texels, taken.meshes[0].opacity_map.texels, taken.world.image.texels]
+
+
+def write_and_reload(pictures):
+    image = pictures["leaf"]
+    content = bpy.data.images.load(image.filepath, check_existing=False)
+    content.pixels.foreach_set(np.full(256, 0.75, np.float32))
+    content.save()
+    bpy.data.images.remove(content)
+    image.reload()
+
+
+def paint(pictures):
+    """As a script does it, of which nothing tells."""
+    pictures["leaf"].pixels.foreach_set(np.full(256, 0.25, np.float32))
+    pictures["shader"].inputs["Roughness"].default_value = 0.9
+
+
+def set_of(name, attribute, value):
+    return lambda pictures: setattr(pictures[name], attribute, value)
+
+
+def set_input(node, identifier, value):
+    return lambda pictures: setattr(pictures[node].inputs[identifier], "default_value", value)
+
+
+@pytest.mark.parametrize(
+    ("change", "read_again", "is_seen"),
+    [
+        (set_input("shader", "Roughness", 0.1), 0, False),
+        (set_input("background", "Strength", 3.0), 0, True),
+        (lambda pictures: setattr(pictures["leaf object"].location, "x", 1.0), 0, False),
+        (write_and_reload, 2, True),
+        (paint, 2, True),
+        (lambda pictures: setattr(pictures["sky"].colorspace_settings, "name", "Non-Color"), 1, True),
+    ],
+    ids=["roughness", "strength", "location", "reload", "paint", "colour space"],
+)
+def test_images_are_read_again_when_they_have_changed(watched, pictures, change, read_again, is_seen):
+    before = watched.take(with_materials=True)
+    images = watched.cache.images
+    assert images.read_count == 3
+    change(pictures)
+    after = watched.take(with_materials=True)
+    fresh = snapshot(bpy.context.evaluated_depsgraph_get(), with_materials=True)
+    for cached, read in zip(look_of(after), look_of(fresh), strict=True):
+        np.testing.assert_array_equal(cached, read)
+    assert images.read_count - 3 == read_again
+    is_same = all(np.array_equal(one, other) for one, other in zip(look_of(before), look_of(after), strict=True))
+    assert is_same == (not is_seen)
+    assert (after.world is before.world) == (after.world.image.texels is before.world.image.texels)
+
+
+def test_one_image_is_read_where_time_is_over(watched, pictures):
+    taken = watched.take(0.0, with_materials=True)
+    # each texture and the mesh; the sky comes after what happens elsewhere
+    assert watched.slice_count == 3 and watched.cache.images.read_count == 3 and watched.cache.read_count == 1
+    for cached, read in zip(look_of(taken), look_of(watched.take(with_materials=True)), strict=True):
+        np.testing.assert_array_equal(cached, read)

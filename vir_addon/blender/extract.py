@@ -23,7 +23,7 @@ from .extract_instances import PlacedInstances, SurfaceRows
 from .extract_lights import LightRow, name_lights, place_light
 from .extract_world import WorldReader
 from .light_linking import SceneLinking
-from .mesh_cache import MaterialReaders, MeshCache
+from .mesh_cache import MaterialReaders, MeshCache, OutOfTimeError
 from .render_depsgraph import engine_of
 from .scene_walk import CountedWalk, SceneWalk
 from .viewport_view import ViewportView
@@ -98,7 +98,8 @@ class SceneReading:
         of_lights, of_surfaces = yield from self._reading_linking(depsgraph)
         if self.surfaces is None:
             placed = yield walk.surfaces.place
-            self.surfaces = self._surfaces(walk, placed, of_surfaces, depsgraph)
+            appearance = (yield from self._reading_appearance(walk.surfaces, depsgraph)) if self.with_materials else None
+            self.surfaces = self._surfaces(walk, placed, of_surfaces, appearance)
         surfaces, placed = self.surfaces, self.surfaces.placed
         lights, unplaced = _place_lights(walk.light_rows, placed, surfaces.linking.joined(of_lights))
         appearance = surfaces.appearance
@@ -151,8 +152,14 @@ class SceneReading:
             yield None
         return of_lights, of_surfaces
 
-    def _surfaces(self, walk: SceneWalk, placed: PlacedInstances, linking: SceneLinking, depsgraph: bpy.types.Depsgraph) -> ReadSurfaces:
-        appearance = _appearance(walk.surfaces, self._readers.world, depsgraph) if self.with_materials else None
+    def _reading_appearance(self, surfaces: SurfaceRows, depsgraph: bpy.types.Depsgraph) -> Generator[HostWork | None, Any, _Appearance]:
+        while True:
+            try:
+                return _appearance(surfaces, self._readers.world, depsgraph)
+            except OutOfTimeError:
+                yield None
+
+    def _surfaces(self, walk: SceneWalk, placed: PlacedInstances, linking: SceneLinking, appearance: _Appearance | None) -> ReadSurfaces:
         left_out = [*walk.left_out, *self._readers.opacity.left_out, *placed.left_out, *(appearance.left_out if appearance else [])]
         notes = [*sorted(self._readers.opacity.notes), *sorted(set(appearance.notes) if appearance else [])]
         return ReadSurfaces(placed, appearance, walk.surfaces.material_sets, left_out, notes, linking, walk.hidden_uids)

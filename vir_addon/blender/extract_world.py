@@ -9,6 +9,7 @@ from ..core.material import BLACK, WHITE, Constant, ImageSample, ImageTexels, Ma
 from ..core.material_program import combined, constant, evaluate_on_texels, sampled_images
 from ..core.scene import LeftOut
 from .expressions import clamped
+from .image_cache import ImageCache
 from .image_texels import UnreadableImage
 from .node_colors import ColorReader
 from .node_inputs import NodeInput, UnreadableNodes, output_target
@@ -19,10 +20,13 @@ _MOST_SHADERS_DEEP = 40
 
 
 class WorldReader:
-    def __init__(self, engine: str) -> None:
+    """Reads each world once."""
+
+    def __init__(self, engine: str, images: ImageCache) -> None:
         """engine: its identifier"""
         self._target = output_target(engine)
-        self._colors = ColorReader(MAX_SIDE_PX, is_world=True)
+        self._colors = ColorReader(images, MAX_SIDE_PX, is_world=True)
+        self._read: dict[int, World] = {}
         self.left_out: list[LeftOut] = []
 
     @property
@@ -32,6 +36,12 @@ class WorldReader:
     def read(self, world: bpy.types.World | None) -> World:
         if world is None:
             return World()
+        uid = world.original.session_uid
+        if uid not in self._read:
+            self._read[uid] = self._compute(world)
+        return self._read[uid]
+
+    def _compute(self, world: bpy.types.World) -> World:
         red, green, blue = world.color
         if world.node_tree is None or (bpy.app.version < (5, 0) and not world.use_nodes):
             return World((red, green, blue))

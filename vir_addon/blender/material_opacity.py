@@ -16,7 +16,8 @@ import numpy as np
 from ..core.material import IDENTITY_UV_ROWS, Extension, UvRows
 from ..core.material_program import LUMINANCE
 from ..core.scene import LeftOut, OpacityMap
-from .image_texels import Channel, UnreadableImage, has_encoded_color, read_texels, srgb_to_linear
+from .image_cache import ImageCache
+from .image_texels import Channel, UnreadableImage, has_encoded_color, srgb_to_linear
 from .node_inputs import EXTENSIONS, NodeInput, UnreadableNodes, check_image_node, output_node, output_target, read_uv, slot_materials
 
 _TEXEL_VALUES = np.linspace(0.0, 1.0, 256)
@@ -73,8 +74,9 @@ def _combined(operation: Callable[..., np.ndarray | float], *scalars: _Scalar) -
 class MaterialReader:
     """Reads each material once."""
 
-    def __init__(self, engine: str, override: bpy.types.Material | None = None) -> None:
+    def __init__(self, engine: str, images: ImageCache, override: bpy.types.Material | None = None) -> None:
         """engine: its identifier. override: of the view layer, takes the place of every material."""
+        self._images = images
         self._target = output_target(engine)
         self._override = override
         self._read: dict[int, MaterialOpacity | None] = {}
@@ -125,7 +127,7 @@ class MaterialReader:
             table = np.clip(np.nan_to_num(np.broadcast_to(function(values), values.shape)), 0.0, 1.0).astype(np.float32)
         image_key = (texture.image.as_pointer(), texture.channel)
         if image_key not in self._texels:
-            self._texels[image_key], note = read_texels(texture.image, texture.channel)
+            self._texels[image_key], note = self._images.texels(texture.image, texture.channel)
             self.notes += [note] * bool(note)
         texels = self._texels[image_key]
         used = table[np.bincount(texels.ravel(), minlength=256) > 0]

@@ -17,6 +17,7 @@ from ..core.material import BLACK, WHITE, Constant, Layer, LayerKind, Material, 
 from ..core.material_program import combined, compile_material, constant, material_images, material_layers
 from ..core.scene import LeftOut
 from .expressions import clamped, mixed
+from .image_cache import ImageCache
 from .image_texels import UnreadableImage
 from .node_colors import ColorReader
 from .node_inputs import NodeInput, UnreadableNodes, by_identifier, output_node, output_target, slot_materials
@@ -84,13 +85,13 @@ def _mean(first: MaterialInput, second: MaterialInput, first_weight: MaterialInp
 class SurfaceReader:
     """Reads each material once, into `materials`."""
 
-    def __init__(self, engine: str, override: bpy.types.Material | None = None) -> None:
+    def __init__(self, engine: str, images: ImageCache, override: bpy.types.Material | None = None) -> None:
         """engine: its identifier. override: of the view layer, takes the place of every material."""
         self._target = output_target(engine)
         self._override = override
         self._index: dict[int, int] = {}
         self._layers: dict[tuple[int, ...], frozenset[Layer]] = {}
-        self._colors = ColorReader()
+        self._colors = ColorReader(images)
         self.materials: list[Material] = []
         self.left_out: list[LeftOut] = []
 
@@ -111,8 +112,10 @@ class SurfaceReader:
     def _index_of(self, material: bpy.types.Material | None) -> int:
         address = 0 if material is None else material.as_pointer()
         if address not in self._index:
+            # before anything is noted: there may be no time for an image
+            read = _BLENDER_DEFAULT if material is None else self._read(material)
             self._index[address] = len(self.materials)
-            self.materials.append(_BLENDER_DEFAULT if material is None else self._read(material))
+            self.materials.append(read)
         return self._index[address]
 
     def _read(self, material: bpy.types.Material) -> Material:

@@ -1,7 +1,8 @@
-"""Meshes that were read before, so that a preview reads only what has changed since.
+"""Meshes, materials and images that were read before, so that a preview reads only what has changed since.
 
 Blender's evaluated geometry stays in place, and is not read again, until an update of the dependency graph says that its object, the
-object that instances it or its data have changed. Materials and images are few, and are all looked at again when one of them changes.
+object that instances it or its data have changed. Materials are few, and are all looked at again when one of them changes; the texels of
+images stay, unless it may have been an image that has changed.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import bpy
 
 from .extract_world import WorldReader
+from .image_cache import ImageCache
 from .material_opacity import MaterialReader
 from .material_surface import SurfaceReader
 from .mesh_parts import MeshPart
@@ -25,7 +27,7 @@ _SURFACE_TYPES = (bpy.types.Material, bpy.types.World, bpy.types.NodeTree, bpy.t
 
 
 class OutOfTimeError(Exception):
-    """There is no time left to read a mesh; what was read is kept."""
+    """There is no time left to read a mesh or an image; what was read is kept."""
 
 
 class MaterialReaders(NamedTuple):
@@ -36,8 +38,11 @@ class MaterialReaders(NamedTuple):
     world: WorldReader
 
     @classmethod
-    def make(cls, engine: str, override: bpy.types.Material | None) -> MaterialReaders:
-        return cls(MaterialReader(engine, override), SurfaceReader(engine, override), WorldReader(engine))
+    def make(
+        cls, engine: str, override: bpy.types.Material | None, images: ImageCache | None = None, world: WorldReader | None = None
+    ) -> MaterialReaders:
+        images = images or ImageCache()
+        return cls(MaterialReader(engine, images, override), SurfaceReader(engine, images, override), world or WorldReader(engine, images))
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,9 @@ class MeshCache:
     def __init__(self) -> None:
         self._meshes: dict[Hashable, ReadMesh] = {}
         self._materials: tuple[Hashable, MaterialReaders] | None = None
+        self._world: tuple[str, WorldReader] | None = None
+        """and the engine that it reads for"""
+        self.images = ImageCache(self._begin_reading)
         self._used: set[Hashable] = set()
         self._deadline_s = float("inf")
         self._has_read = False
@@ -82,16 +90,22 @@ class MeshCache:
                 continue  # its owner is named too, which may be a light
             if isinstance(original, _SURFACE_TYPES):
                 self._materials = None
+                if not isinstance(original, bpy.types.Material):
+                    self._world = None
+                self.images.forget_changed()
+                if isinstance(original, bpy.types.Image):
+                    self.images.forget(original.session_uid)
             elif update.is_updated_geometry or not isinstance(original, bpy.types.Object):
                 changed.add(original.session_uid)
         self._meshes = {key: read for key, read in self._meshes.items() if not read.uids & changed}
 
     def forget(self) -> None:
         """After what comes without updates: undoing replaces everything."""
-        self._meshes, self._materials = {}, None
+        self._meshes, self._materials, self._world = {}, None, None
+        self.images.forget_changed()
 
     def begin(self, budget_s: float = float("inf")) -> None:
-        """Before some steps of a `SceneReading`: how long they may take. At least one mesh is read."""
+        """Before some steps of a `SceneReading`: how long they may take. At least one mesh or image is read."""
         self._deadline_s = time.perf_counter() + budget_s
         self._has_read = False
 
@@ -109,12 +123,16 @@ class MeshCache:
     def find(self, key: Hashable) -> ReadMesh | None:
         """OutOfTimeError if there is nothing and no time to read it."""
         read = self._meshes.get(key)
-        if read is None and self._has_read and self.is_over:
-            raise OutOfTimeError
+        if read is None:
+            self._begin_reading()
         return read
 
-    def keep(self, key: Hashable, read: ReadMesh) -> None:
+    def _begin_reading(self) -> None:
+        if self._has_read and self.is_over:
+            raise OutOfTimeError
         self._has_read = True
+
+    def keep(self, key: Hashable, read: ReadMesh) -> None:
         self.read_count += 1
         self._meshes[key] = read
 
@@ -123,5 +141,7 @@ class MeshCache:
         uids = (*(one.session_uid for one in bpy.data.materials), *(one.session_uid for one in bpy.data.images))
         key = (engine, None if override is None else override.session_uid, uids)
         if self._materials is None or self._materials[0] != key:
-            self._materials = key, MaterialReaders.make(engine, override)
+            known = self._world[1] if self._world is not None and self._world[0] == engine else None
+            self._materials = key, MaterialReaders.make(engine, override, self.images, known)
+            self._world = engine, self._materials[1].world
         return self._materials[1]

@@ -21,7 +21,8 @@ from ..core.material import (
 from ..core.material_program import combined, constant
 from ..core.passes.material_images import texel_count_of
 from .expressions import channel_sum, is_gray
-from .image_texels import MAX_SIDE_PX, UnreadableImage, read_colors
+from .image_cache import ImageCache
+from .image_texels import MAX_SIDE_PX, UnreadableImage
 from .node_inputs import (
     EXTENSIONS,
     NodeInput,
@@ -42,8 +43,9 @@ IMAGE_BUDGET_BYTES = 1 << 29
 class ColorReader:
     """Reads each image and each node's output once."""
 
-    def __init__(self, max_side_px: int = MAX_SIDE_PX, *, is_world: bool = False) -> None:
+    def __init__(self, images: ImageCache, max_side_px: int = MAX_SIDE_PX, *, is_world: bool = False) -> None:
         """max_side_px: of images; is_world: images may be of surroundings"""
+        self._cache = images
         self._max_side_px, self.is_world = max_side_px, is_world
         self._bytes_left = IMAGE_BUDGET_BYTES
         self.directions: list[np.ndarray] = []
@@ -71,8 +73,10 @@ class ColorReader:
         address = image.as_pointer()
         if address not in self._images:
             try:
-                # a share of what is left: however many there are, there is something for all
-                colors, alpha, note = read_colors(image, self._max_side_px, self._bytes_left // 4)
+                # a share of what is left: however many there are, there is something for all; a power of two, which stays the same
+                # when another image comes before
+                share = 1 << max(self._bytes_left // 4, 1).bit_length() - 1
+                colors, alpha, note = self._cache.colors(image, self._max_side_px, share)
             except UnreadableImage as error:
                 self._images[address] = error
             else:
