@@ -22,8 +22,9 @@ from .extract_camera import Picture, extract_camera, extract_picture, extract_pi
 from .extract_instances import PlacedInstances, SurfaceRows
 from .extract_lights import LightRow, name_lights, place_light
 from .extract_world import WorldReader
+from .image_cache import OutOfTimeError
 from .light_linking import SceneLinking
-from .mesh_cache import MaterialReaders, MeshCache, OutOfTimeError
+from .mesh_cache import MaterialReaders, MeshCache
 from .render_depsgraph import engine_of
 from .scene_walk import CountedWalk, SceneWalk
 from .viewport_view import ViewportView
@@ -131,7 +132,7 @@ class SceneReading:
         known_uids = None if self.surfaces is None else self.surfaces.hidden_uids
         walk = SceneWalk(depsgraph, self._readers, outside_uids, self._cache, with_materials=self.with_materials, only_lights_of=known_uids)
         while not walk.go_on(depsgraph):
-            yield None
+            yield self._host_work()
         if self._cache is not None and self.surfaces is None:
             self._cache.note_used(walk.surfaces.cache_keys)
         return walk
@@ -157,7 +158,11 @@ class SceneReading:
             try:
                 return _appearance(surfaces, self._readers.world, depsgraph)
             except OutOfTimeError:
-                yield None
+                yield self._host_work()
+
+    def _host_work(self) -> HostWork | None:
+        """What reading goes on after; None: another slice."""
+        return None if self._cache is None else self._cache.host_work()
 
     def _surfaces(self, walk: SceneWalk, placed: PlacedInstances, linking: SceneLinking, appearance: _Appearance | None) -> ReadSurfaces:
         left_out = [*walk.left_out, *self._readers.opacity.left_out, *placed.left_out, *(appearance.left_out if appearance else [])]

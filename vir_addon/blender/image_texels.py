@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from dataclasses import dataclass
 
 import bpy
 import imbuf
@@ -44,15 +45,48 @@ def _linear_to_srgb(linear: np.ndarray) -> np.ndarray:
 
 
 def has_encoded_color(image: bpy.types.Image, channel: Channel) -> bool:
-    """Whether `read_texels` gives sRGB-encoded values, which is what renderers interpolate. Float images are linear already."""
+    """Whether `texels_of` gives sRGB-encoded values, which is what renderers interpolate. Float images are linear already."""
     return channel is not Channel.ALPHA and not image.is_float and image.colorspace_settings.name == "sRGB"
 
 
-def read_texels(image: bpy.types.Image, channel: Channel) -> tuple[np.ndarray, str]:
-    """(height, width) uint8, row 0 at the bottom, and a note for the user or ''. Raises UnreadableImage."""
-    is_color = channel is not Channel.ALPHA
+@dataclass(frozen=True)
+class ImagePixels:
+    """What there is to know of an image, without Blender."""
+
+    name: str
+    pixels: np.ndarray
+    """(height, width, channel_count) float32, row 0 at the bottom"""
+    width_px: int
+    """the image's own, as `height_px`"""
+    height_px: int
+    is_float: bool
+    is_data: bool
+    """no colours"""
+    is_srgb: bool
+    """colours are encoded"""
+    alpha_mode: str
+    """Blender's"""
+
+
+def take_pixels(image: bpy.types.Image, *, is_color: bool) -> ImagePixels:
+    """For colours, or for alpha alone. Raises UnreadableImage."""
     _check(image, is_color=is_color)
     pixels, (width, height) = _read_pixels(image)
+    return ImagePixels(
+        name=image.name,
+        pixels=pixels,
+        width_px=width,
+        height_px=height,
+        is_float=image.is_float,
+        is_data=image.colorspace_settings.is_data,
+        is_srgb=has_encoded_color(image, Channel.RED),
+        alpha_mode=image.alpha_mode,
+    )
+
+
+def texels_of(image: ImagePixels, channel: Channel) -> tuple[np.ndarray, str]:
+    """(height, width) uint8, row 0 at the bottom, and a note for the user or ''."""
+    pixels, width, height = image.pixels, image.width_px, image.height_px
     channel_count = pixels.shape[2]
     note = ""
     if max(width, height) > MAX_SIDE_PX:
@@ -61,14 +95,14 @@ def read_texels(image: bpy.types.Image, channel: Channel) -> tuple[np.ndarray, s
         note = f"The opacity of the image '{image.name}' is used at {used} instead of {width} x {height} pixels."
     has_alpha = channel_count in (2, 4) and image.alpha_mode != "NONE"
     alpha = pixels[..., -1] if has_alpha else np.ones(pixels.shape[:2], np.float32)
-    if not is_color:
+    if channel is Channel.ALPHA:
         values = alpha
     elif channel_count < 3:
         values = pixels[..., 0]
     elif channel in (Channel.RED, Channel.GREEN, Channel.BLUE):
         values = pixels[..., channel.index]
     else:
-        values = _gray(pixels[..., :3], is_encoded=has_encoded_color(image, channel))
+        values = _gray(pixels[..., :3], is_encoded=image.is_srgb)
     if channel is Channel.GRAY_TIMES_ALPHA:
         values = values * alpha
     return np.round(np.clip(np.nan_to_num(values), 0.0, 1.0) * 255).astype(np.uint8), note
@@ -81,17 +115,16 @@ def _check(image: bpy.types.Image, *, is_color: bool) -> None:
         raise UnreadableImage(f"the image '{image.name}' in the colour space {image.colorspace_settings.name}")
 
 
-def read_colors(image: bpy.types.Image, max_side_px: int, max_bytes: int) -> tuple[ImageTexels, ImageTexels | None, str]:
+def colors_of(image: ImagePixels, max_side_px: int, max_bytes: int) -> tuple[ImageTexels, ImageTexels | None, str]:
     """The colours; the alpha where the colours are not multiplied with it and yet it is there (channel packed images); and a note for the
-    user or ''. Raises UnreadableImage.
+    user or ''. Spoils the pixels.
 
     max_bytes: on the device, of the colours
     """
-    _check(image, is_color=True)
-    pixels, (width, height) = _read_pixels(image)
+    pixels, width, height = image.pixels, image.width_px, image.height_px
     channel_count = pixels.shape[2]
     has_alpha = channel_count in (2, 4) and image.alpha_mode != "NONE" and bool((pixels[..., -1] < 1.0).any())
-    is_packed = image.alpha_mode == "CHANNEL_PACKED" or image.colorspace_settings.is_data
+    is_packed = image.alpha_mode == "CHANNEL_PACKED" or image.is_data
     if has_alpha and not is_packed and image.alpha_mode == "STRAIGHT":
         pixels[..., :-1] *= pixels[..., -1:]
         if not image.is_float:
@@ -107,7 +140,7 @@ def read_colors(image: bpy.types.Image, max_side_px: int, max_bytes: int) -> tup
         note = f"In reflections the image '{image.name}' is used at {used} instead of {width} x {height} pixels."
     colors, alpha = (pixels[..., :-1], pixels[..., -1:]) if channel_count in (2, 4) else (pixels, None)
     colors = colors[..., :1] if is_gray else colors
-    is_srgb = has_encoded_color(image, Channel.RED)
+    is_srgb = image.is_srgb
     if not has_alpha or alpha is None:
         return ImageTexels(image.name, _stored(colors, image), is_srgb), None, note
     if is_packed:
@@ -118,7 +151,7 @@ def read_colors(image: bpy.types.Image, max_side_px: int, max_bytes: int) -> tup
     return ImageTexels(image.name, _stored(np.concatenate([colors, alpha], axis=2), image), is_srgb), None, note
 
 
-def _stored(values: np.ndarray, image: bpy.types.Image) -> np.ndarray:
+def _stored(values: np.ndarray, image: ImagePixels) -> np.ndarray:
     """Copies; float images keep what is beyond 1."""
     if image.is_float:
         return np.clip(np.nan_to_num(values, nan=0.0), -_LARGEST_VALUE, _LARGEST_VALUE)

@@ -15,19 +15,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import bpy
 
 from .extract_world import WorldReader
-from .image_cache import ImageCache
+from .image_cache import ImageCache, OutOfTimeError
 from .material_opacity import MaterialReader
 from .material_surface import SurfaceReader
 from .mesh_parts import MeshPart
 
 if TYPE_CHECKING:
     from ..core.scene import LeftOut
+    from ..core.steps import HostWork
 
 _SURFACE_TYPES = (bpy.types.Material, bpy.types.World, bpy.types.NodeTree, bpy.types.Image, bpy.types.Texture)
-
-
-class OutOfTimeError(Exception):
-    """There is no time left to read a mesh or an image; what was read is kept."""
 
 
 class MaterialReaders(NamedTuple):
@@ -108,6 +105,10 @@ class MeshCache:
         """Before some steps of a `SceneReading`: how long they may take. At least one mesh or image is read."""
         self._deadline_s = time.perf_counter() + budget_s
         self._has_read = False
+
+    def host_work(self) -> HostWork | None:
+        """What reading has to wait for, once: after `OutOfTimeError`."""
+        return self.images.host_work()
 
     @property
     def is_over(self) -> bool:

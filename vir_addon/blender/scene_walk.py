@@ -18,7 +18,8 @@ import numpy as np
 from ..core.scene import LeftOut
 from .extract_instances import ObjectTable, SurfaceRows
 from .extract_lights import LightRow, read_light
-from .mesh_cache import MaterialReaders, MeshCache, OutOfTimeError
+from .image_cache import OutOfTimeError
+from .mesh_cache import MaterialReaders, MeshCache
 from .render_depsgraph import engine_of
 
 _UNRENDERABLE = {
