@@ -118,6 +118,18 @@ def press(key: str, over: dict[str, Any] | None = None, **modifiers: bool) -> St
     yield 0.3
 
 
+def drop_file(path: Path) -> Iterator[float]:
+    """On the 3D viewport, from another program; returns whether Blender took it. Only where windows are X11's."""
+    region, window = view()["region"], bpy.context.window_manager.windows[0]
+    x, y = window.x + region.x + region.width // 2, window.y + window.height - region.y - region.height // 2
+    command = [sys.executable, str(Path(__file__).parent / "drop_file.py"), str(path), str(x), str(y)]
+    dropping = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    yield from wait_until(lambda: dropping.poll() is not None, "the drop ends", 60)
+    if dropping.returncode:
+        print(f"not dropped: {dropping.communicate()[0].strip()}", flush=True)
+    return dropping.returncode == 0
+
+
 def sidebar() -> dict[str, Any]:
     return view(region="UI")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).parent))
 
 import bpy
-from driver import FOLDER, MODULE, SCENE, ZIP, Steps, click_button, press, run, screenshot, show_panel, view, wait_until
+from driver import FOLDER, MODULE, SCENE, ZIP, Steps, click_button, drop_file, press, run, screenshot, show_panel, view, wait_until
 
 
 def state() -> dict:
@@ -44,9 +44,10 @@ def begin_render(near: tuple[int, int] | None = None) -> Iterator[float]:
 
 def install() -> Steps:
     before = state()
-    # what Blender does with a zip that is dropped into its window: it asks first
-    with bpy.context.temp_override(**view()):
-        bpy.ops.extensions.package_install_files("INVOKE_DEFAULT", url=str(ZIP))
+    if not (yield from drop_file(ZIP)):
+        # what Blender does with a zip that is dropped into its window
+        with bpy.context.temp_override(**view()):
+            bpy.ops.extensions.package_install_files("INVOKE_DEFAULT", url=str(ZIP))
     yield 1.0
     yield from screenshot("0_dropped")
     yield from press("RET")
