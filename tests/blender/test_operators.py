@@ -68,12 +68,18 @@ def test_the_panel_can_say_what_the_plan_decided(room):
     assert "error" not in frame_state.forecast_text(room)
     assert not bpy.data.images
     bpy.ops.vir.render()
-    assert ", error 0." in frame_state.decision_text(state, "Key")
+    texts = [frame_state.decision_text(state, "Key", letters) for letters in (100, 23, 5)]
+    assert [len(text) <= 23 for text in texts] == [False, True, True] and all("0." in text for text in texts)
+    assert texts[0].startswith("8 views, ") and ", error 0." in texts[0] and texts[2].startswith("8, ") and ", ±0." in texts[2]
     fast = frame_state.forecast_text(room)
     room.vir.quality = 1.0
     exact = frame_state.forecast_text(room)
     assert "error about 0." in fast and "error about 0." in exact
     assert float(exact.rpartition(" ")[2]) < float(fast.rpartition(" ")[2])
+    made, room.vir.view_count = frame_state.decision_text(state, "Key"), 16
+    bpy.ops.vir.plan()
+    planned = frame_state.decision_text(state, "Key")
+    assert planned.startswith("16 views, ~") and 0.0 < float(planned.rpartition(" error ~")[2]) < float(made.rpartition(" ")[2])
 
 
 def test_what_was_moved_and_not_keyed_stays(room):

@@ -30,7 +30,7 @@ def test_all_are_found_and_valid_and_get_finer(registered):
     for name in NAMES:
         execute(name)
         settings.append(properties.settings_of(registered))
-        assert bpy.types.VIR_PT_presets.bl_label == name
+        assert presets.matching_preset(registered.vir) == name
     views = [one.view_count for one in settings]
     assert views == sorted(set(views)) and settings[NAMES.index("Balanced")] == Settings()
     assert [one.map_resolution_px for one in settings] == sorted(one.map_resolution_px for one in settings)
@@ -64,6 +64,11 @@ def test_users_add_and_remove_their_own(registered, tmp_path, monkeypatch):
     registered.vir.view_count, registered.vir.method = 8, "AUTO"
     bpy.ops.script.execute_preset(filepath=str(written), menu_idname="VIR_PT_presets")
     assert (registered.vir.view_count, registered.vir.method) == (40, "IVIR")
+    (written.parent / "broken.py").write_text("vir.view_count = ")
+    assert presets.matching_preset(registered.vir) == "Mine"
+    registered.vir.view_count = 41
+    assert presets.matching_preset(registered.vir) == ""
+    (written.parent / "broken.py").unlink()
     bpy.ops.vir.preset_add(name="Mine", remove_name=True)
     assert not written.exists()
 

@@ -14,13 +14,17 @@ from .frame_hook import reasons_against_frames
 from .frame_state import SceneState, decision_text, state_of
 from .job import SURFACE_TYPES
 from .operators import reason_against_rendering
-from .presets import VIR_PT_presets
+from .presets import VIR_PT_presets, matching_preset
 from .properties import is_newer, reflector_mark, settings_of
 
 LIGHT_ICONS = {"AREA": "LIGHT_AREA", "SUN": "LIGHT_SUN", "POINT": "LIGHT_POINT", "SPOT": "LIGHT_SPOT"}
 LETTER_WIDTH_PX = 6.5
 """of Blender's interface font at scale 1, on average"""
 FEWEST_LETTERS = 24
+NAME_SHARE = 0.38
+"""of a light's row"""
+LIST_MARGIN_PX = 90.0
+"""beside that and what was decided, at scale 1: tabs, borders, the box to tick"""
 METHOD_PROPERTIES = {
     "HYBRID": ("small_triangle_points",),
     "VWSS": ("back_faces", "views_per_thread"),
@@ -39,11 +43,12 @@ class VIR_UL_lights(bpy.types.UIList):
     ) -> None:
         row = layout.row(align=True)
         row.prop(item.data.vir, "use_pass", text="")
-        split = row.split(factor=0.32, align=True)
+        split = row.split(factor=NAME_SHARE, align=True)
         split.label(text=item.name, translate=False, icon=LIGHT_ICONS.get(item.data.type, "LIGHT"))
         text = split.row()
         text.active = item.data.vir.use_pass
-        text.label(text=decision_text(state_of(context.scene), item.name), translate=False)
+        letter_count = int(_letters_across(context, LIST_MARGIN_PX) * (1.0 - NAME_SHARE))
+        text.label(text=decision_text(state_of(context.scene), item.name, letter_count), translate=False)
 
     def filter_items(self, context: Any, data: Any, property_name: str) -> tuple[list[int], list[int]]:
         objects = getattr(data, property_name)
@@ -100,7 +105,7 @@ class _Passes:
     def draw(self: Any, context: Any) -> None:
         scene, layout = context.scene, self.layout
         state = state_of(scene)
-        VIR_PT_presets.draw_menu(layout, text=VIR_PT_presets.bl_label)
+        VIR_PT_presets.draw_menu(layout, text=matching_preset(scene.vir) or "Presets")
         column = layout.column(align=True)
         column.prop(scene.vir, "quality", slider=True)
         column.label(text=frame_state.forecast_text(scene), icon="TIME")
@@ -271,12 +276,18 @@ class _Notes:
 
 def _draw_text(layout: Any, context: Any, text: str, icon: str) -> None:
     """As many lines as the region's width asks for: Blender cuts labels off. Not translated: there are names in it."""
-    scale = context.preferences.system.ui_scale * LETTER_WIDTH_PX
-    letters = max(int((context.region.width / scale if context.region else 0) - 8), FEWEST_LETTERS)
+    letters = max(int(_letters_across(context)) - 8, FEWEST_LETTERS)
     column = layout.column(align=True)
     column.scale_y = 0.8
     for number, line in enumerate(textwrap.wrap(text, letters)):
         column.label(text=line, translate=False, icon="BLANK1" if number and icon != "NONE" else icon)
+
+
+def _letters_across(context: Any, margin_px: float = 0.0) -> float:
+    """That fit into the region's width, without margins at scale 1."""
+    if not context.region:
+        return FEWEST_LETTERS
+    return float(context.region.width / context.preferences.system.ui_scale - margin_px) / LETTER_WIDTH_PX
 
 
 def _make_panels() -> list[type]:
