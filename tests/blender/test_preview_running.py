@@ -9,7 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from vir_addon import blender  # noqa: E402  (bpy decides whether this file runs)
-from vir_addon.blender import frame_state  # noqa: E402
+from vir_addon.blender import devices, frame_state  # noqa: E402
 from vir_addon.blender.preview import running  # noqa: E402
 from vir_addon.core.errors import UsageError  # noqa: E402
 
@@ -275,6 +275,21 @@ def test_it_says_that_the_scene_is_read_and_shows_what_was_before(scene, viewpor
     tick_until_idle()
     viewport.draw()
     assert "8 of 8 views" in viewport.texts[-1]
+
+
+def test_it_says_that_shaders_are_compiled(scene, viewport):
+    """A device that is new has none."""
+    devices.close_devices()
+    scene.vir.use_preview, scene.vir.preview_slice_ms = True, 1
+    viewport.draw()
+    asked = []
+    while tick() != running.IDLE_S:
+        if any(shown.said != viewport.texts[-1] for shown in running._running.viewports.values()):
+            viewport.draw()
+            asked += [viewport.texts[-1]]
+    said = list(dict.fromkeys(text.rpartition(", ")[2] for text in asked if text.startswith("VIR: preparing, ")))
+    counts = [int(text.removesuffix(" compiled").removesuffix("s").removesuffix(" shader")) for text in said]
+    assert len(counts) > 2 and counts == sorted(set(counts))
 
 
 @pytest.mark.parametrize(

@@ -53,6 +53,8 @@ class ProgressiveRender:
         """what is drawn of what the settings' effects make"""
         self.plan: RenderPlan | None = None
         self.standing = Standing()
+        self.compiled_count = 0
+        """kernels since the last change"""
         self.slowest_step_ms = 0.0
         """of batches since the last change; steps in which a kernel was compiled do not count"""
         self._renderer: Renderer | None = None
@@ -82,7 +84,7 @@ class ProgressiveRender:
         self.snapshot, self.settings = snapshot, settings
         self.standing = Standing()
         self.slowest_step_ms, self._batches_done, self._is_between_batches, self._drawn = 0.0, 0, False, None
-        self._is_rendering = False
+        self._is_rendering, self.compiled_count = False, 0
         self._steps = self._working(snapshot, settings)
 
     def advance(self, budget_s: float) -> bool:
@@ -125,6 +127,7 @@ class ProgressiveRender:
         start, kernel_count = time.perf_counter(), self.device.kernel_count
         host_work, has_ended = self.device.run(_send, self._steps, answer)
         took_s = time.perf_counter() - start
+        self.compiled_count += self.device.kernel_count - kernel_count
         if self.device.kernel_count == kernel_count:
             self._recent_s.append(took_s)
             if self._is_rendering:

@@ -43,6 +43,8 @@ LONGEST_REDRAW_S = 0.3
 HIDDEN_PAUSE = 10.0
 """times as long as asking what a viewport hides took, until it is asked again while somebody navigates"""
 
+READING, PREPARING = "VIR: reading the scene", "VIR: preparing"
+
 LayerKey = tuple[int, str]
 """session_uid of a scene, name of a view layer"""
 
@@ -74,8 +76,8 @@ class Shown:
     stuck_settings: Settings | None = None
     is_outdated: bool = False
     """there is something that was not drawn yet"""
-    says_reading: bool = False
-    """that the scene is being read"""
+    said: str = ""
+    """what stands in the viewport, or will with the redraw that was asked for"""
     hidden: _Hidden | None = None
 
     @property
@@ -227,8 +229,8 @@ def _draw_region(context: bpy.types.Context) -> None:
         if _running.overlay is None:
             _running.overlay = Overlay()
         _running.overlay.draw(preview.picture, display, preview.reference)
-    shown.says_reading = shown.is_reading
-    draw_text(context, status_text(shown))
+    shown.said = status_text(shown)
+    draw_text(context, shown.said)
 
 
 def _choice_of(scene: bpy.types.Scene) -> Choice:
@@ -279,16 +281,23 @@ def status_text(shown: Shown) -> str:
         return f"VIR: {shown.problem}"
     if shown.preview is None or shown.is_reading:
         is_old = shown.preview is not None and shown.preview.picture is not None
-        return f"VIR: reading the scene{', the picture is of before' if is_old else ''}"
+        return f"{READING}{', the picture is of before' if is_old else ''}"
     standing = shown.preview.render.standing
     if not standing.views_total:
-        return "VIR: preparing" if not shown.preview.is_done else "VIR: no light has a pass to show"
+        if shown.preview.is_done:
+            return "VIR: no light has a pass to show"
+        count = shown.preview.render.compiled_count
+        return f"{PREPARING}, {count} shader{'s' * (count != 1)} compiled" if count else PREPARING
     if shown.preview.is_done and shown.preview.picture is None:
         return f"VIR: {_why_empty(shown.preview)}"
     error = f"error {standing.error_estimate:.3f}" if standing.error_estimate < 1 else "error unknown"
     size = shown.preview.level.pixel_size
     coarse = f", 1/{size} resolution" if size > 1 else ""
     return f"VIR: {standing.views_done} of {standing.views_total} views, {error}, {standing.busy_ms:.0f} ms{coarse}"
+
+
+def _is_figureless(said: str) -> bool:
+    return said.startswith((READING, PREPARING))
 
 
 def _why_empty(preview: ViewportPreview) -> str:
@@ -355,8 +364,10 @@ def _serve(address: int, shown: Shown, region: bpy.types.Region) -> None:
     except Exception as error:
         has_changed = False
         _give_up(shown, error)
-    shown.is_outdated |= has_changed or shown.problem != before or (shown.says_reading and not shown.is_reading)
-    shown.says_reading &= shown.is_reading
+    shown.is_outdated |= has_changed or shown.problem != before
+    said, shown.said = shown.said, status_text(shown)
+    # figures change with every slice, and are drawn with the picture that they belong to
+    shown.is_outdated |= shown.said != said and (_is_figureless(said) or _is_figureless(shown.said))
 
 
 def _ask_for_redraws(regions: dict[int, bpy.types.Region]) -> None:
