@@ -133,6 +133,45 @@ def show_reflections() -> Steps:
     yield from finish("without reflections")
 
 
+def wait_halfway() -> Steps:
+    """Until there is a picture that is not done."""
+
+    def is_halfway() -> bool:
+        standing = shown()[0].preview.render.standing
+        return shown()[0].is_busy and 0 < standing.views_done < standing.views_total
+
+    yield from wait_until(is_halfway, "halfway")
+
+
+def disturb() -> Steps:
+    """A file saved and a light deleted while the picture gets better; local view."""
+    bpy.data.objects["Cube"].location.x = -0.5
+    yield from wait_halfway()
+    bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "halfway.blend"))
+    assert shown()[0].is_busy
+    yield from finish("saved halfway")
+    second = bpy.data.objects.new("Second", bpy.data.lights.new("Second", "POINT"))
+    second.location = (0.0, -3.0, 3.0)
+    bpy.context.scene.collection.objects.link(second)
+    yield from finish("with another light")
+    bpy.data.objects["Cube"].location.x = 0.0
+    yield from wait_halfway()
+    bpy.data.objects.remove(second)
+    yield from finish("a light deleted halfway")
+    with bpy.context.temp_override(**view()):
+        bpy.data.objects["Cube"].select_set(True)
+        bpy.context.view_layer.objects.active = bpy.data.objects["Cube"]
+        bpy.ops.view3d.localview(frame_selected=False)
+    yield from wait_until(lambda: shown()[0].view.hidden_uids, "local view hides something")
+    yield from finish("local view")
+    yield from screenshot("9_local_view")
+    with bpy.context.temp_override(**view()):
+        bpy.ops.view3d.localview(frame_selected=False)
+        bpy.data.objects["Cube"].select_set(False)
+    yield from wait_until(lambda: not shown()[0].view.hidden_uids, "local view ends")
+    yield from finish("out of local view")
+
+
 def steps() -> Steps:
     # with it, pixels change for as long as nothing does
     bpy.context.preferences.system.viewport_aa = "OFF"
@@ -174,6 +213,7 @@ def steps() -> Steps:
     yield from finish("panel")
     yield from screenshot("5_view_turned")
 
+    yield from disturb()
     bpy.ops.ed.undo_push(message="preview")
     bpy.data.objects["Cube"].location.x = 1.5
     bpy.ops.ed.undo_push(message="cube")
