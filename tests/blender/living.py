@@ -77,4 +77,5 @@ class Living:
 
 
 def threads() -> set[str]:
-    return {thread.name for thread in threading.enumerate() if "vir" in thread.name}
+    """Names and numbers: two may have the same name."""
+    return {f"{thread.name} {thread.ident}" for thread in threading.enumerate() if "vir" in thread.name}

@@ -97,6 +97,12 @@ def hide_preview(scene, window) -> None:
     tick()
 
 
+@pytest.fixture
+def running_threads() -> set[str]:
+    """Other tests' devices, which share the process, have some."""
+    return threads()
+
+
 def wait_for_threads(expected: set[str]) -> None:
     """They end with what they are at."""
     end = time.monotonic() + 60.0
@@ -115,8 +121,8 @@ def enabled(scene):
         blender.unregister()
 
 
-def test_nothing_is_left_of_an_extension_that_was_enabled_twice_and_did_all_it_can(room, window, living):
-    before, running_threads = blender_state(), threads()
+def test_nothing_is_left_of_an_extension_that_was_enabled_twice_and_did_all_it_can(room, window, living, running_threads):
+    before = blender_state()
     for _ in range(2):
         with enabled(room):
             for device in ("MODERNGL", "GPU"):
@@ -136,7 +142,7 @@ def test_nothing_is_left_of_an_extension_that_was_enabled_twice_and_did_all_it_c
 
 
 @pytest.mark.parametrize("turns", [2, 10])
-def test_a_preview_that_comes_and_goes_again_and_again(room, window, living, turns):
+def test_a_preview_that_comes_and_goes_again_and_again(room, window, living, running_threads, turns):
     with enabled(room):
         hidden = []
         for turn in range(turns + 1):
@@ -151,12 +157,12 @@ def test_a_preview_that_comes_and_goes_again_and_again(room, window, living, tur
         # of the device remain kernels and a fence
         assert all(count == hidden[0] for count in hidden), hidden
         assert hidden[0]["GPUTexture"] == 1 and not hidden[0]["GPUBatch"] and hidden[0]["GPUShader"] > 10
-        wait_for_threads(set())
+        wait_for_threads(running_threads)
 
 
 @pytest.mark.parametrize("turns", [2, pytest.param(10, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("device_name", ["moderngl", "gpu"])
-def test_renders_that_are_cancelled_again_and_again(room, living, device_name, turns):
+def test_renders_that_are_cancelled_again_and_again(room, living, running_threads, device_name, turns):
     with enabled(room):
         room.vir.device, room.vir.view_count = device_name.upper(), 32  # enough for all kernels to be asked for
         bpy.ops.vir.render()
@@ -181,7 +187,7 @@ def test_renders_that_are_cancelled_again_and_again(room, living, device_name, t
             assert render.is_done and not render.layers and render.error is None
             assert count() == left, turn
     assert not living.count()
-    wait_for_threads(set())
+    wait_for_threads(running_threads)
 
 
 def test_draw_handlers_come_and_go(monkeypatch):
