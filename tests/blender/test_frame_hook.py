@@ -11,8 +11,10 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from vir_addon import blender  # noqa: E402  (bpy decides whether this file runs)
-from vir_addon.blender import devices, frame_hook, frame_state  # noqa: E402
+from tests.blender.test_material_opacity import Nodes, with_uvs  # noqa: E402  (bpy decides whether this file runs)
+from tests.blender.test_material_surface import saved_image  # noqa: E402
+from vir_addon import blender  # noqa: E402
+from vir_addon.blender import devices, frame_hook, frame_state, image_cache  # noqa: E402
 from vir_addon.blender.images import MISSING_COLOR, scene_images  # noqa: E402
 from vir_addon.core.errors import DeviceError  # noqa: E402
 from vir_addon.core.render import Renderer  # noqa: E402
@@ -98,6 +100,29 @@ def test_reflections_of_each_frame(animated, tmp_path):
         image = scene_images(animated.name)["VIR Reflection Color"]
         np.testing.assert_array_equal(pixels, np.array(image.pixels[:], np.float32).reshape(HEIGHT, WIDTH, -1)[..., 0])
     assert frames[0].max() > 0.5 and np.abs(frames[0] - frames[1]).max() > 0.5
+
+
+def test_images_are_read_once_in_an_animation(animated, tmp_path, monkeypatch):
+    """Unless a handler of the artist's paints them."""
+    image = saved_image(tmp_path, "leaf", np.full((4, 4, 4), 0.5, np.float32))
+    nodes = Nodes("leaf")
+    nodes.link(nodes.texture(image).outputs["Alpha"], nodes.principled().inputs["Alpha"])
+    cube = bpy.data.objects["Cube"].data
+    with_uvs(cube, uvs=np.zeros((24, 2)))
+    cube.materials.append(nodes.material)
+    read, take = [], image_cache.take_pixels
+    monkeypatch.setattr(image_cache, "take_pixels", lambda image, **arguments: (read.append(image.name), take(image, **arguments))[1])
+    compose(animated)
+    animated.vir.use_on_render = True
+    read.clear()
+    bpy.ops.render.render(animation=True)
+    assert len(read) == 1
+    read.clear()
+    paint = lambda *_: image.pixels.foreach_set(np.full(64, 0.5, np.float32))  # noqa: E731  a handler
+    bpy.app.handlers.render_pre.insert(0, paint)
+    bpy.ops.render.render(animation=True)
+    bpy.app.handlers.render_pre.remove(paint)
+    assert len(read) == 3 and not frame_hook._frame.images._read
 
 
 def test_markers_that_change_the_camera(animated, tmp_path):

@@ -22,7 +22,7 @@ from .extract_camera import Picture, extract_camera, extract_picture, extract_pi
 from .extract_instances import PlacedInstances, SurfaceRows
 from .extract_lights import LightRow, name_lights, place_light
 from .extract_world import WorldReader
-from .image_cache import OutOfTimeError
+from .image_cache import ImageCache, OutOfTimeError
 from .light_linking import SceneLinking
 from .mesh_cache import MaterialReaders, MeshCache
 from .render_depsgraph import engine_of
@@ -36,14 +36,16 @@ def snapshot(
     resolution: tuple[int, int] | None = None,
     view: ViewportView | None = None,
     with_materials: bool = False,
+    images: ImageCache | None = None,
 ) -> SceneSnapshot:
     """Everything that renders, as numpy arrays that outlive the depsgraph.
 
     resolution: width and height of the whole frame in place of the scene's; a cropping render border cuts its part out of that.
     view: looked from instead of the scene's camera, which then need not exist. with_materials: what surfaces and the world look like, which
-    reflections need. Raises SceneError for a scene that no renderer could make a picture of.
+    reflections need. images: what was read of them for earlier snapshots. Raises SceneError for a scene that no renderer could make a
+    picture of.
     """
-    reading = SceneReading(resolution=resolution, view=view, with_materials=with_materials)
+    reading = SceneReading(resolution=resolution, view=view, with_materials=with_materials, images=images)
     run_steps(reading.steps(depsgraph))
     assert reading.snapshot is not None
     return reading.snapshot
@@ -74,16 +76,17 @@ class SceneReading:
         view: ViewportView | None = None,
         with_materials: bool = False,
         cache: MeshCache | None = None,
+        images: ImageCache | None = None,
         surfaces: ReadSurfaces | None = None,
     ) -> None:
-        """As for `snapshot`. cache: of the depsgraph; meshes that it knows are the same objects in every snapshot, and steps end when its
-        time is over. surfaces: of an earlier reading of the same depsgraph, with as much of materials, since when at most lights have
-        changed."""
+        """As for `snapshot`. cache: of the depsgraph, and of images; meshes that it knows are the same objects in every snapshot, and steps
+        end when its time is over. surfaces: of an earlier reading of the same depsgraph, with as much of materials, since when at most
+        lights have changed."""
         self.snapshot: SceneSnapshot | None = None
         """when there are no more steps"""
         self.surfaces = surfaces
         self.with_materials = with_materials
-        self._resolution, self._view, self._cache = resolution, view, cache
+        self._resolution, self._view, self._cache, self._images = resolution, view, cache, images
 
     def steps(self, depsgraph: bpy.types.Depsgraph) -> Steps:
         """Not to be gone on with once the depsgraph is evaluated anew."""
@@ -127,7 +130,7 @@ class SceneReading:
         )
 
     def _walking(self, depsgraph: bpy.types.Depsgraph) -> Generator[HostWork | None, Any, SceneWalk]:
-        self._readers = _material_readers(depsgraph, self._cache)
+        self._readers = _material_readers(depsgraph, self._cache, self._images)
         outside_uids = frozenset() if self._view is None else self._view.hidden_uids
         known_uids = None if self.surfaces is None else self.surfaces.hidden_uids
         walk = SceneWalk(depsgraph, self._readers, outside_uids, self._cache, with_materials=self.with_materials, only_lights_of=known_uids)
@@ -170,9 +173,9 @@ class SceneReading:
         return ReadSurfaces(placed, appearance, walk.surfaces.material_sets, left_out, notes, linking, walk.hidden_uids)
 
 
-def _material_readers(depsgraph: bpy.types.Depsgraph, cache: MeshCache | None) -> MaterialReaders:
+def _material_readers(depsgraph: bpy.types.Depsgraph, cache: MeshCache | None, images: ImageCache | None) -> MaterialReaders:
     engine, override = engine_of(depsgraph.scene), depsgraph.view_layer_eval.material_override
-    return MaterialReaders.make(engine, override) if cache is None else cache.material_readers(engine, override)
+    return MaterialReaders.make(engine, override, images) if cache is None else cache.material_readers(engine, override)
 
 
 @dataclass(frozen=True)

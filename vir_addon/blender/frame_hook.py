@@ -22,6 +22,7 @@ from ..core.settings import Effect
 from . import devices, frame_state
 from .compositor import compositor_tree, has_node, has_pass_nodes
 from .extract import snapshot
+from .image_cache import ImageCache
 from .images import mark_missing, pack_unsaved, write_images
 from .job import LayerJob, rendered_view_layers
 from .properties import settings_of
@@ -38,9 +39,17 @@ class _Frame:
     """Blender is about it"""
     served: set[tuple[int, str]] = field(default_factory=set)
     """session_uid of a scene, name of a view layer"""
+    images: ImageCache = field(default_factory=ImageCache)
+    """of all frames of an animation"""
 
 
 _frame = _Frame()
+
+
+@bpy.app.handlers.persistent
+def forget_images(*_: Any) -> None:
+    """Blender's handler, before the first frame and after the last."""
+    _frame.images = ImageCache()
 
 
 @bpy.app.handlers.persistent
@@ -48,6 +57,7 @@ def begin_frame(*_: Any) -> None:
     """Blender's handler, before a frame is rendered. What evaluates scenes like a render, exports and baking, does not call it."""
     _frame.is_rendered = True
     _frame.served.clear()
+    _frame.images.forget_changed()
 
 
 @bpy.app.handlers.persistent
@@ -85,7 +95,7 @@ def render_layer(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None
     evaluated = depsgraph.scene_eval  # the scene itself does not follow the settings' animation while Blender renders
     device_name = devices.device_name(evaluated.vir.device)
     settings = settings_for(devices.get_device(device_name), settings_of(evaluated))
-    taken = snapshot(depsgraph, with_materials=Effect.REFLECTION in settings.effects)
+    taken = snapshot(depsgraph, with_materials=Effect.REFLECTION in settings.effects, images=_frame.images)
     made = LayerJob(taken, plan(taken, settings))
     step = partial(devices.on_main_thread, SteppedRender.step) if devices.is_bound_to_main_thread(device_name) else SteppedRender.step
     render = SteppedRender({layer_name: made}, device_name)
@@ -135,6 +145,7 @@ def _handlers() -> tuple[tuple[list[Any], Callable[..., None]], ...]:
         (on.render_pre, begin_frame),
         (on.frame_change_post, render_frame),
         *((handlers, end_frame) for handlers in (on.render_post, on.render_cancel, on.render_complete)),
+        *((handlers, forget_images) for handlers in (on.render_init, on.render_cancel, on.render_complete)),
     )
 
 
@@ -147,3 +158,4 @@ def unregister() -> None:
     for handlers, function in reversed(_handlers()):
         handlers.remove(function)
     end_frame()
+    forget_images()
