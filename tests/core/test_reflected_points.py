@@ -136,12 +136,30 @@ def test_pictures_are_those_of_rasterized_cubes(device, rows, share):
 
 
 @pytest.mark.parametrize("method", [ReflectionMethod.EPR, pytest.param(ReflectionMethod.IVIR, marks=pytest.mark.slow)])
-def test_the_same_cloud_in_every_run_and_in_any_number_of_portions(device, method):
+def test_the_same_cloud_in_every_run_and_in_any_number_of_portions(device, method, monkeypatch):
+    """Portion by portion and cube by cube, so that a caller can draw or stop in between."""
     scene = room_with_balls(rows=90)
+    collected, steps = [], []
+    collect, drawing = ReflectedPoints._collect, ReflectedPoints.drawing
+
+    def collect_noted(self, portion):
+        collected.append(len(steps))
+        return collect(self, portion)
+
+    def drawing_counted(self):
+        for step in drawing(self):
+            steps.append(step)
+            yield step
+
+    monkeypatch.setattr(ReflectedPoints, "_collect", collect_noted)
+    monkeypatch.setattr(ReflectedPoints, "drawing", drawing_counted)
     once, _, _ = drawn_cubes(scene, device, method)
     again, _, _ = drawn_cubes(scene, device, method)
     np.testing.assert_array_equal(again, once)
+    collected.clear()
     in_portions, _, statistics = drawn_cubes(scene, device, method, replay_buffer_mib=1)
+    # a portion is collected twice in a step where there was no room for it
+    assert len(collected) > 10 and max(np.bincount(collected)) <= 2
     assert 48 * statistics.cloud_triangle_count + 32 * statistics.point_count > 2 << 20
     np.testing.assert_array_equal(in_portions, once)
 

@@ -17,6 +17,7 @@ from vir_addon.core.passes.reflection_maps import instances_in_face
 from vir_addon.core.plan import plan as planned
 from vir_addon.core.reflectors import MAX_GROUPS, MAX_REFLECTORS, MIN_MAP_RAYS
 from vir_addon.core.render import render
+from vir_addon.core.scene import Mesh
 from vir_addon.core.settings import Effect, Settings
 
 WIDTH, HEIGHT = 160, 90
@@ -103,6 +104,40 @@ def test_reasons_say_why_a_cube_is_where_it_is(monkeypatch):
     reasons = {each.name: each.reason for each in reflectors_of(scene).reflectors}
     assert "triangles: its cube is around a place on it" in reasons["ball"]
     assert "around a place" not in reasons["glass"]
+
+
+def joined(name, *meshes):
+    starts = np.cumsum([0, *(len(each.positions_os) for each in meshes)])
+    triangles = [each.triangles + start for each, start in zip(meshes, starts, strict=False)]
+    return Mesh(name, np.concatenate([each.positions_os for each in meshes]), np.concatenate(triangles), is_closed=True)
+
+
+def test_only_what_is_all_around_the_eye_has_its_cube_around_the_eye():
+    """Columns whose box the eye is in are not, walls are, also such as have an outside."""
+    columns = joined("columns", *(box(f"{k}", (3 * np.cos(k), 3 * np.sin(k), 1.0), (0.2, 0.2, 2.0)) for k in range(6)))
+    inner, outer = box("inner", (0, 0, 1), (3, 3, 2), inside_out=True), box("outer", (0, 0, 1), (3.2, 3.2, 2.2))
+    camera = perspective_camera((0.0, 0.0, 1.0), (0.0, 1.0, 1.0), WIDTH, HEIGHT, 0.6)
+    for mesh, is_room in ((columns, False), (inner, True), (joined("walls", inner, outer), True)):
+        scene = snapshot([floor(9.0), mesh], [], camera, WIDTH, HEIGHT, materials=[matte(), mirror()], world=World())
+        (found,) = reflectors_of(scene).reflectors
+        assert found.runs
+        assert ("the eye is inside" in found.reason) == is_room
+        assert (np.abs(found.seen.center_ws - (0, 0, 1)).max() < 1e-6 and found.itself is None) == is_room
+
+
+def test_the_inscribed_radius_is_that_of_the_nearest_triangle(monkeypatch):
+    """Also where they come in portions, and none around a place outside."""
+    ball = bumpy_sphere("ball", (0.4, 0, 0), 0.5, 40, bump_share=0.0)
+    camera = perspective_camera((0, -4.0, 0), (0, 0, 0), WIDTH, HEIGHT, 0.6)
+    monkeypatch.setattr(reflector_views, "TRIANGLES_AT_ONCE", 500)
+    block = box("block", (0, 0, 0), (2, 1.5, 1.2))
+    scene = snapshot([block, ball], [], camera, WIDTH, HEIGHT, materials=[mirror()] * 2, world=World())
+    radius = reflector_views._inscribed_radius
+    place = np.array([0.4, 0.1, 0.0])
+    assert radius(scene, np.array([0]), place) == pytest.approx(1.2)
+    # facets of 40 rows are flatter than the sphere by less than 1 - cos(pi / 40)
+    assert radius(scene, np.array([1]), place) == pytest.approx(0.4, abs=0.5 * 0.004)
+    assert radius(scene, np.array([1]), np.array([-0.4, 0, 0])) == 0
 
 
 def test_small_reflectors_near_each_other_share_maps():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -25,7 +26,12 @@ NEAR_SHARE = 3e-3
 """of a reflector's size: so near to a map's centre nothing is looked for"""
 NEAR_OF_NEAREST = 0.9
 """of the smallest depth of anything that a view is to show"""
-MAX_INSCRIBED_TRIANGLES = 1 << 18
+NO_AREA = 1e-9
+"""of the square over a triangle's edge: less is rounding"""
+ROOM_SHARE = 0.75
+"""of all directions, in which a reflector around the eye is seen: five walls of a room are more"""
+MAX_INSCRIBED_TRIANGLES, TRIANGLES_AT_ONCE = 1 << 22, 1 << 18
+"""by which it is found out how solid a reflector is: a second for every million"""
 CONVEXITY_TRIANGLES, CONVEXITY_CORNERS = 512, 4096
 CONVEXITY_SHARE = 1e-3
 """of a reflector's size: shallower hollows show nothing of themselves"""
@@ -35,11 +41,16 @@ MIN_EYE_HEIGHT_SHARE = 1e-3
 """of the distance: seen more edge-on, a plane shows next to nothing, and its mirrored view would be all depth"""
 
 
-def eye_is_inside(snapshot: SceneSnapshot, corners_ws: np.ndarray) -> bool:
-    """Whether the eye is within the box around some corners, (n, 3)."""
+def eye_is_inside(snapshot: SceneSnapshot, own: np.ndarray, corners_ws: np.ndarray) -> bool:
+    """Whether a reflector is nearly all around the eye: a room, but no arch, ring or row of columns. own: (n,) int64 its instances;
+    corners_ws: (n, 3) of its boxes"""
     eye_ws = snapshot.camera.world_from_view[:3, 3]
     inside = (eye_ws > corners_ws.min(axis=0)) & (eye_ws < corners_ws.max(axis=0))
-    return bool(inside.all()) and not snapshot.camera.is_orthographic
+    if snapshot.camera.is_orthographic or not inside.all():
+        return False
+    front, back = _solid_angles(snapshot, own, eye_ws)
+    # of walls with two sides the eye sees one
+    return max(front, back) > ROOM_SHARE * 4 * np.pi
 
 
 def _reach(corners_ws: np.ndarray, center_ws: np.ndarray) -> float:
@@ -201,7 +212,7 @@ def _view(
 
 def is_convex_to_eye(snapshot: SceneSnapshot, own: np.ndarray) -> bool:
     """Whether no corner of a reflector lies before any of its surfaces that the eye sees, both on a regular subset."""
-    triangles = np.concatenate(placed_triangles(snapshot, own, snapshot.camera.world_from_view[:3, 3]))
+    triangles = np.concatenate(list(placed_triangles(snapshot, own, snapshot.camera.world_from_view[:3, 3])))
     corners = triangles.reshape(-1, 3)[:: max(1, 3 * len(triangles) // CONVEXITY_CORNERS)]
     tested = triangles[:: max(1, len(triangles) // CONVEXITY_TRIANGLES)]
     normals = np.cross(tested[:, 1] - tested[:, 0], tested[:, 2] - tested[:, 0])
@@ -248,14 +259,15 @@ def covered_window(camera: Camera, corners_ws: np.ndarray) -> tuple[float, float
     )
 
 
-def placed_triangles(snapshot: SceneSnapshot, own: np.ndarray, origin_ws: np.ndarray) -> list[np.ndarray]:
-    """Of each instance, (n, 3, 3) float64 corners from an origin, counter-clockwise seen from the front."""
-    instances, parts = snapshot.instances, []
+def placed_triangles(snapshot: SceneSnapshot, own: np.ndarray, origin_ws: np.ndarray) -> Iterator[np.ndarray]:
+    """Of the instances, some after the others, (n, 3, 3) float64 corners from an origin, counter-clockwise seen from the front."""
+    instances = snapshot.instances
     for index in own:
         mesh, matrix = snapshot.meshes[instances.mesh_index[index]], instances.world_from_object[index].astype(np.float64)
         placed = mesh.positions_os.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3] - origin_ws
-        parts.append(placed[mesh.triangles if np.linalg.det(matrix[:3, :3]) > 0 else mesh.triangles[:, ::-1]])
-    return parts
+        triangles = mesh.triangles if np.linalg.det(matrix[:3, :3]) > 0 else mesh.triangles[:, ::-1]
+        for first in range(0, len(triangles), TRIANGLES_AT_ONCE):
+            yield placed[triangles[first : first + TRIANGLES_AT_ONCE]]
 
 
 def is_too_fine(snapshot: SceneSnapshot, own: np.ndarray) -> bool:
@@ -263,19 +275,38 @@ def is_too_fine(snapshot: SceneSnapshot, own: np.ndarray) -> bool:
     return sum(snapshot.meshes[snapshot.instances.mesh_index[index]].triangle_count for index in own) > MAX_INSCRIBED_TRIANGLES
 
 
+def _solid_angles(snapshot: SceneSnapshot, own: np.ndarray, place_ws: np.ndarray) -> tuple[float, float]:
+    """Steradians, sums over triangles, hidden ones included, that turn their fronts to a place, and of those that turn their backs."""
+    front = back = 0.0
+    for triangles in placed_triangles(snapshot, own, place_ws):
+        # Van Oosterom & Strackee 1983
+        a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+        la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
+        volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+        dots = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+        angles = 2 * np.arctan2(volume, dots)
+        front -= float(angles[angles < 0].sum())
+        back += float(angles[angles > 0].sum())
+    return front, back
+
+
 def _inscribed_radius(snapshot: SceneSnapshot, own: np.ndarray, center_ws: np.ndarray) -> float:
     """Metres from a place to the nearest triangle of a closed surface around it; 0 where it is not inside of one. What is nearer is within
     the reflector, and nothing reflects it."""
     if is_too_fine(snapshot, own):
         return 0.0
-    triangles = np.concatenate(placed_triangles(snapshot, own, center_ws))
-    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
-    # solid angles (Van Oosterom & Strackee 1983) sum to 4 pi inside
-    la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
-    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-    dots = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
-    solid_angle = abs(float(2 * np.arctan2(volume, dots).sum()))
-    return float(_distances_to_origin(a, b, c).min()) if solid_angle > 3.9 * np.pi else 0.0
+    front, back = _solid_angles(snapshot, own, center_ws)
+    if abs(front - back) < 3.9 * np.pi:
+        return 0.0
+    nearest_m = math.inf
+    for triangles in placed_triangles(snapshot, own, center_ws):
+        corners_m = np.linalg.norm(triangles, axis=2)
+        nearest_m = min(nearest_m, float(corners_m.min()))
+        # a triangle is nowhere nearer than its longest edge brings it
+        longest_m = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
+        a, b, c = np.moveaxis(triangles[corners_m[:, 0] - longest_m < nearest_m], 1, 0)
+        nearest_m = min(nearest_m, float(_distances_to_origin(a, b, c).min(initial=math.inf)))
+    return nearest_m
 
 
 def _distances_to_origin(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -287,9 +318,11 @@ def _distances_to_origin(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndar
         return np.linalg.norm(start + share[:, None] * along, axis=1)
 
     normal = np.cross(b - a, c - a)
-    length = np.maximum(np.linalg.norm(normal, axis=1), 1e-30)
+    length = np.linalg.norm(normal, axis=1)
     sides = [np.einsum("ij,ij->i", np.cross(end - start, -start), normal) for start, end in ((a, b), (b, c), (c, a))]
-    over = np.all(np.array(sides) >= 0, axis=0)
-    plane = np.abs((a * normal).sum(axis=1)) / length
+    # what has no area, as at a sphere's poles, has no plane
+    has_plane = length > NO_AREA * np.maximum(((b - a) ** 2).sum(axis=1), ((c - a) ** 2).sum(axis=1))
+    over = np.all(np.array(sides) >= 0, axis=0) & has_plane
+    plane = np.abs((a * normal).sum(axis=1)) / np.maximum(length, 1e-30)
     edges = np.minimum(np.minimum(to_segment(a, b), to_segment(b, c)), to_segment(c, a))
     return np.where(over, plane, edges)

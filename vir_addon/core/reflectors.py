@@ -271,7 +271,7 @@ def _plan_reflector(
             # what the mirrored view does not show: rays from other reflectors, and what lights the surfaces that it shows
             aside = cube_around(snapshot, bounds, own, min(side_px, ASIDE_MAP_PX), place_ws=candidate.place_ws)
             return Reflector(name, own, True, f"{reason}; flat: one mirrored view", "planar", view, aside, aside, None, covered_px)
-    if eye_is_inside(snapshot, corners):
+    if eye_is_inside(snapshot, own, corners):
         cube = cube_around_eye(snapshot, bounds, own, side_px)
         reason += "; the eye is inside, so its cube is around the eye"
         return Reflector(name, own, True, reason, "mvr", cube, cube, cube, None, covered_px)

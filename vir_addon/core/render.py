@@ -318,6 +318,9 @@ class Renderer:
         yield from reflections.preparing(self._current_offsets, self.stopwatch)
         has_passes = any(planned.runs for planned in self.plan.passes)
         hit_positions, hit_normals = yield from reflections.gathering_hits(self._current_offsets, self.stopwatch)
+        if not self.plan.passes:
+            # nobody looks at the rest of the picture any more
+            eye.want_only(reflections.tiles_shown)
         return np.concatenate([*[seen[0]] * has_passes, *hit_positions]), np.concatenate([*[normals] * has_passes, *hit_normals])
 
     def _billed_to(self, work: LightWork) -> contextlib.AbstractContextManager[None]:
@@ -344,7 +347,7 @@ class Renderer:
         self._render_eye(self.eye, batch)
         if self.reflections is not None and batch > 0:
             yield from self.reflections.tracing(self._current_offsets, batch, self.stopwatch)
-        if not any(work.has_pass for work in self.works):
+        if self.plan.passes and not any(work.has_pass for work in self.works):
             # only for passes that are constant on surfaces, which still have to be told from the background
             self.surface_share_sum += self.device.read(self.eye.buffers[0].positions)[..., 3] >= 0
         for work in due:

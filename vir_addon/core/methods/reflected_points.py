@@ -138,7 +138,7 @@ class ReflectedPoints:
             self._cloud_table = self._table(cubes, np.zeros(len(cubes), np.int64))
             self._cloud_cube_count = len(cubes)
             self._held = None
-            portions = self._plan_portions()
+            portions = yield from self._planning_portions()
             capacities = self.triangles.texel_count // TEXELS_PER_TRIANGLE, self.points.texel_count // TEXELS_PER_POINT
             rows = [-(-capacity // LINEAR_TEXTURE_WIDTH) for capacity in capacities]
             self._came_first = [temporary.own(self.device.create_texture(LINEAR_TEXTURE_WIDTH, each, TextureFormat.R32UI)) for each in rows]
@@ -158,9 +158,10 @@ class ReflectedPoints:
 
     # the cloud
 
-    def _plan_portions(self) -> list[_Portion]:
+    def _planning_portions(self) -> Generator[None, None, list[_Portion]]:
         pending, portions = [_Portion(0, self.work.group_count)], []
         while pending:
+            yield
             portion = pending.pop()
             counts = self._collect(portion)
             stores = ((self.triangles, TEXELS_PER_TRIANGLE), (self.points, TEXELS_PER_POINT))
@@ -229,7 +230,7 @@ class ReflectedPoints:
             lists = [depths, numbers, *self._came_first, *(store.texture for store in (self.triangles, self.points, self.tiles))]
             self.most_bytes = max(self.most_bytes, sum(each.byte_count for each in lists))
             for cube, first_texel in zip(cubes, first_texels, strict=False):
-                self.maps.store_splatted(cube.number, depths, numbers, int(first_texel), self.work.texture)
+                yield from self.maps.storing_splatted(cube.number, depths, numbers, int(first_texel), self.work.texture)
 
     def _splatting_depths(self, batch: _Splatted, portions: list[_Portion]) -> Generator[None, None, list[_Portion]]:
         """Returns portions of which none has more tiles in the batch's cubes than there is memory for."""

@@ -252,8 +252,11 @@ class ReflectionMaps:
                 target, viewport, cut_out_draws, **bindings, **self.scene_data.opacity_maps.bindings, rasterization=0
             )
 
-    def store_splatted(self, number: int, nearest_depths: Texture, nearest_numbers: Texture, first_texel: int, work_table: Texture) -> None:
-        """Make the map's texels of what was splatted, and of its cut-outs, which the rasterizer draws. Called on the device's thread."""
+    def storing_splatted(
+        self, number: int, nearest_depths: Texture, nearest_numbers: Texture, first_texel: int, work_table: Texture
+    ) -> Generator[None, None, None]:
+        """Make the map's texels of what was splatted, and of its cut-outs, which the rasterizer draws face by face. On the device's
+        thread."""
         drawn = self.maps[number]
         has_cut_outs = bool(self.scene_data.cut_out[drawn.instances].any())
         with self._target(_target_size(drawn) if has_cut_outs else (1, 1)) as target:
@@ -261,6 +264,7 @@ class ReflectionMaps:
                 self._clear(target)
                 for face in range(drawn.face_count):
                     self._rasterize(target, drawn, face, only_cut_outs=True)
+                    yield
             self._store(
                 REFLECTION_TEXELS_OF_CLOUD,
                 number,
@@ -271,6 +275,7 @@ class ReflectionMaps:
                 work_table=work_table,
                 is_drawn=int(has_cut_outs),
             )
+        yield
 
     def _store(self, declaration: ComputeDeclaration, number: int, **seen: object) -> None:
         drawn = self.maps[number]
