@@ -204,7 +204,7 @@ def test_cut_outs_stand_before_and_behind_what_is_splatted(device):
     ball = bumpy_sphere("ball", (0, 0, 1), 0.4, 24, bump_share=0.0)
     camera = perspective_camera((-2.5, -3.0, 1.5), (0, 0, 1), WIDTH, HEIGHT, 0.4)
     materials = [matte(), matte(), matte(), matte(), mirror()]
-    scene = snapshot([floor(6.0), leaf, hidden, screen, ball], [], camera, WIDTH, HEIGHT, materials=materials, world=World())
+    scene = snapshot([floor(7.0), leaf, hidden, screen, ball], [], camera, WIDTH, HEIGHT, materials=materials, world=World())
     rasterized, _, _ = drawn_cubes(scene, device, ReflectionMethod.MVR)
     splatted, _, _ = drawn_cubes(scene, device, ReflectionMethod.EPR)
     assert (rasterized[:, 0] == 1).sum() > 100 and not (splatted[:, 0] == 2).any()

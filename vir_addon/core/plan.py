@@ -129,16 +129,19 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
             reflected_lights = tuple(planned for planned in planned_lights if planned is not None)
     running = [*(planned for planned in passes if planned.runs), *reflected_lights]
     needs_rounds = reflections is not None and reflections.runs
-    most_views = max((planned.view_count for planned in running), default=int(needs_rounds))
-    batch_count = _batch_count(most_views, settings.map_resolution_px, settings.batch_view_count) if most_views else 1
+    has_passes = any(planned.runs for planned in passes)
+    most_views = max((planned.view_count for planned in running), default=0)
+    # what reflectors show is looked up by as many eye samples as rays are asked for
+    count_batches = _batch_count if has_passes or not needs_rounds else _least_batch_count
+    batch_count = count_batches(most_views, settings.map_resolution_px, settings.batch_view_count) if most_views else 1
     notes = list(snapshot.notes)
     rounds: ReflectionRounds | None = None
     if reflections is not None and reflections.runs:
         rounds = plan_rounds(snapshot, settings, reflections.bounces, batch_count, [planned.view_count for planned in running])
         reflections, batch_count = replace(reflections, bounces=rounds.bounces), rounds.batch_count
         notes += [rounds.note] if rounds.note else []
-        notes += [SHARED_MAPS_NOTE] if any(planned.runs for planned in passes) else []
-    eye_samples_per_batch = _eye_samples_per_batch(most_views, batch_count)
+        notes += [SHARED_MAPS_NOTE] if has_passes else []
+    eye_samples_per_batch = 1 if rounds is not None and not has_passes else _eye_samples_per_batch(most_views, batch_count)
     if rounds is not None:
         eye_samples_per_batch = max(eye_samples_per_batch, rounds.rounds_per_batch)
     most_eye_samples = max(MAX_EYE_SAMPLES, settings.reflection_sample_count * needs_rounds)
@@ -231,11 +234,15 @@ def _eye_samples_per_batch(most_views: int, batch_count: int) -> int:
     return max(min(math.ceil(MAX_EYE_SAMPLES / batch_count), views // MIN_EYE_SAMPLE_VIEWS), 1)
 
 
-def _batch_count(most_views: int, map_resolution_px: int, batch_view_count: int) -> int:
-    """Eight maps of 1024^2 and 2048^2 a batch; larger maps in smaller batches, so that a batch stays below 128 MiB of depth. Where so
-    few batches have too few eye samples, more and smaller ones."""
+def _least_batch_count(most_views: int, map_resolution_px: int, batch_view_count: int) -> int:
+    """Eight maps of 1024^2 and 2048^2 a batch; larger maps in smaller batches, so that a batch stays below 128 MiB of depth."""
     per_batch = max(1, min(MAX_BATCH_VIEWS, batch_view_count, MAX_BATCH_VIEWS * 2048**2 // map_resolution_px**2))
-    batch_count = math.ceil(most_views / per_batch)
+    return math.ceil(most_views / per_batch)
+
+
+def _batch_count(most_views: int, map_resolution_px: int, batch_view_count: int) -> int:
+    """Where so few batches have too few eye samples, more and smaller ones."""
+    batch_count = _least_batch_count(most_views, map_resolution_px, batch_view_count)
     has_enough = batch_count * _eye_samples_per_batch(most_views, batch_count) >= MIN_EYE_SAMPLES
     return batch_count if has_enough else MIN_EYE_SAMPLES
 

@@ -22,6 +22,8 @@ INSCRIBED_SHARE = 0.9 / math.sqrt(3)
 """A face's near plane reaches as far as this share at its corners."""
 TOWARDS_EYE_SHARE = 0.7
 """how far from the middle of a solid towards its side that the eye sees its map's centre lies"""
+DIRECTION_STEPS = 4
+"""of each coordinate of the direction that this is in, which so changes every fifteen degrees"""
 NEAR_SHARE = 3e-3
 """of a reflector's size: so near to a map's centre nothing is looked for"""
 NEAR_OF_NEAREST = 0.9
@@ -115,6 +117,8 @@ def cube_around(
     elif nearer_to_eye:
         matrix = snapshot.camera.world_from_view
         toward = matrix[:3, 2] if snapshot.camera.is_orthographic else matrix[:3, 3] - center_ws
+        # in steps: a centre that moves with the eye would have outlines flicker by a texel
+        toward = np.round(DIRECTION_STEPS * toward / np.linalg.norm(toward))
         center_ws = center_ws + TOWARDS_EYE_SHARE * radius_m * toward / np.linalg.norm(toward)
         radius_m *= 1 - TOWARDS_EYE_SHARE
     near_m = max(INSCRIBED_SHARE * radius_m, _near(snapshot, corners, center_ws))
