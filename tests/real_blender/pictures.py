@@ -18,10 +18,17 @@ PICTURES = {
     "tutorial_compositor": ("tutorial/3_compositor", (0, 30, 1312, 830), 900),
     "tutorial_before": ("tutorial/without", None, 440),
     "tutorial_result": ("tutorial/picture", None, 440),
+    "panel_reflectors": ("passes/1_reflectors", (1026, 84, 1312, 900), 286),
+    "shadows_without": ("passes/shadows_without", None, 440),
+    "shadows_with": ("passes/shadows_with", None, 440),
+    "reflection_without": ("passes/reflection_without", None, 300),
+    "reflection_pass": ("passes/reflection_pass", None, 300),
+    "reflection_with": ("passes/reflection_with", None, 300),
 }
 """name -> screenshot, its part (left, top, right, bottom) in pixels, width in the manual"""
 COLOUR_COUNT = 96
 MOST_COLOUR_COUNT = 256
+COLOURFUL = ("preview_reflections", "shadows_without", "shadows_with", "reflection_without", "reflection_pass", "reflection_with")
 """where colours are what a picture shows"""
 
 
@@ -30,7 +37,14 @@ def main(folder: Path) -> None:
         picture = Image.open(folder / f"{source}.png").convert("RGB").crop(part)
         picture = picture.resize((width_px, round(picture.height * width_px / picture.width)), Image.LANCZOS)
         target = TARGET / f"{name}.png"
-        picture.quantize(MOST_COLOUR_COUNT if name == "preview_reflections" else COLOUR_COUNT).save(target, optimize=True)
+        # small things in few colours: the mean of what is nearest to each of those that are far from the others
+        way = (
+            {"colors": MOST_COLOUR_COUNT, "method": Image.Quantize.MAXCOVERAGE, "kmeans": 8}
+            if name in COLOURFUL
+            else {"colors": COLOUR_COUNT}
+        )
+        picture = picture.quantize(**way)
+        picture.save(target, optimize=True)
         print(f"{target}: {target.stat().st_size >> 10} KiB")
 
 

@@ -1,0 +1,125 @@
+"""What passes are for, before and after: shadows on a render that has none, reflections on one without. Composed with F12."""
+
+import sys
+from pathlib import Path
+
+sys.path += [str(Path(__file__).parent), str(Path(__file__).resolve().parent.parent.parent)]
+
+import bpy
+import numpy as np
+from driver import FOLDER, SCENE, Steps, press, run, screenshot, show_panel, view, wait_until
+
+from demo_scenes import mirror_room
+
+SIZE = (480, 270)
+
+
+def mix(tree, kind: str, first, second):
+    """A Mix Color node of two sockets; its result."""
+    node = tree.nodes.new("ShaderNodeMix")
+    node.data_type, node.blend_type, node.inputs["Factor"].default_value = "RGBA", kind, 1.0
+    inputs = [socket for socket in node.inputs if socket.name in "AB" and socket.type == "RGBA"]
+    for source, target in zip((first, second), inputs, strict=True):
+        tree.links.new(source, target)
+    return next(socket for socket in node.outputs if socket.type == "RGBA")
+
+
+def write_with_f12(pictures: dict, scene) -> Steps:
+    """Name -> a socket of the compositor, all from one render, into FOLDER/NAME.png."""
+    tree = scene.compositing_node_group
+    output = tree.nodes.new("CompositorNodeOutputFile")
+    output.format.media_type, output.format.file_format = "IMAGE", "PNG"
+    output.directory, output.file_name = str(FOLDER), ""
+    for name, socket in pictures.items():
+        output.file_output_items.new("RGBA", name)
+        tree.links.new(socket, output.inputs[name])
+        (FOLDER / f"{name}.png").unlink(missing_ok=True)
+    scene.vir.use_on_render = True
+    yield from press("F12")
+    yield from wait_until(lambda: bpy.app.is_job_running("RENDER"), "F12 renders", 60)
+    yield from wait_until(lambda: not bpy.app.is_job_running("RENDER"), "F12 ends", 500)
+    assert all((FOLDER / f"{name}.png").is_file() for name in pictures)
+    while len(bpy.context.window_manager.windows) > 1:
+        with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
+            bpy.ops.wm.window_close()
+        yield 0.3
+
+
+def read(name: str) -> np.ndarray:
+    """(pixel_count, 3), as displayed"""
+    image = bpy.data.images.load(str(FOLDER / f"{name}.png"))
+    return np.array(image.pixels[:]).reshape(-1, image.channels)[:, :3]
+
+
+def prepare(scene, engine: str, preset: str) -> None:
+    scene.render.engine = engine
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = *SIZE, 100
+    bpy.ops.script.execute_preset(filepath=bpy.utils.preset_find(preset, "vir"), menu_idname="VIR_PT_presets")
+    space = view()["space_data"]
+    space.region_3d.view_perspective = "CAMERA"
+
+
+def sockets(scene) -> tuple:
+    """The compositor's tree and the outputs of the render and of the passes, which the panel's buttons made."""
+    bpy.ops.vir.render()
+    bpy.ops.vir.add_to_compositor()
+    tree = scene.compositing_node_group
+    layers = next(node for node in tree.nodes if node.bl_idname == "CompositorNodeRLayers")
+    return tree, layers.outputs, next(node for node in tree.nodes if node.type == "GROUP").outputs
+
+
+def cast_shadows() -> Steps:
+    """All lights' shadows on a render of Workbench, which knows none."""
+    bpy.ops.wm.open_mainfile(filepath=str(SCENE), load_ui=False)
+    yield 1.0
+    scene = bpy.context.scene
+    prepare(scene, "BLENDER_WORKBENCH", "Draft")
+    scene.display.shading.color_type = "MATERIAL"
+    scene.view_settings.view_transform = "Standard"
+    scene.vir.view_count = 32
+    tree, render, passes = sockets(scene)
+    shadowed = mix(tree, "MULTIPLY", render["Image"], passes["VIR Shadow"])
+    yield from write_with_f12({"shadows_without": render["Image"], "shadows_with": shadowed}, scene)
+    without, with_shadows = read("shadows_without"), read("shadows_with")
+    assert (with_shadows <= without + 0.01).all() and np.median((with_shadows / np.maximum(without, 0.01)).mean(axis=1)) < 0.95
+
+
+def add_reflections() -> Steps:
+    """A mirror ball on Cycles' diffuse light. Cycles' own picture of it is the judge."""
+    bpy.ops.wm.read_homefile(use_factory_startup=False, use_empty=True)
+    yield 1.0
+    scene = bpy.context.scene
+    mirror_room.build(scene, roughness=0.05)
+    prepare(scene, "CYCLES", "Balanced")
+    scene.view_settings.view_transform = "Standard"
+    scene.cycles.samples, scene.cycles.use_denoising = 96, False
+    layer = bpy.context.view_layer
+    layer.use_pass_diffuse_direct = layer.use_pass_diffuse_indirect = layer.use_pass_diffuse_color = layer.use_pass_environment = True
+    scene.vir.use_reflections = True
+    yield from show_panel()
+    tree, render, passes = sockets(scene)
+    yield from screenshot("1_reflectors")
+    diffuse = mix(tree, "MULTIPLY", mix(tree, "ADD", render["Diffuse Direct"], render["Diffuse Indirect"]), render["Diffuse Color"])
+    without = mix(tree, "ADD", diffuse, render["Environment"])
+    reflected = mix(tree, "MULTIPLY", passes["VIR Reflection"], passes["VIR Reflection Color"])
+    names = {
+        "reflection_without": without,
+        "reflection_pass": passes["VIR Reflection"],
+        "reflection_with": mix(tree, "ADD", without, reflected),
+        "reflection_cycles": render["Image"],
+    }
+    yield from write_with_f12(names, scene)
+    before, after, wanted = (read(f"reflection_{name}") for name in ("without", "with", "cycles"))
+    is_mirror = before.max(axis=1) < 0.02
+    # passes do not show lamps, nor light that walls throw on each other
+    errors = [np.median(np.abs(one - wanted)[is_mirror]) for one in (before, after)]
+    print(f"median difference from Cycles in the mirror: {errors[0]:.4f} without reflections, {errors[1]:.4f} with", flush=True)
+    assert is_mirror.mean() > 0.2 and errors[1] < 0.25 * errors[0]
+
+
+def steps() -> Steps:
+    yield from cast_shadows()
+    yield from add_reflections()
+
+
+run(steps)
