@@ -5,7 +5,9 @@ import pytest
 
 from tests.scenes import (
     METHODS,
+    area_light,
     box,
+    bumpy_sphere,
     camera_from_above,
     floor,
     perspective_camera,
@@ -18,6 +20,7 @@ from tests.scenes import (
     snapshot,
     spot_light,
 )
+from vir_addon.core.settings import Method
 
 WIDTH, HEIGHT = 96, 12
 LIGHT_HEIGHT_M, EDGE_HEIGHT_M = 4.0, 1.0
@@ -139,3 +142,20 @@ def test_receiver_inside_the_sphere(device):
     camera = camera_from_above((0.0, 0.0), 1.2, 16, 16, 6.0)
     image = render_pass(snapshot([floor(3.0), box("box", (2, 2, 1), (0.3, 0.3, 1))], [light], camera, 16, 16), device, view_count=64)
     assert image.min() > 0.95
+
+
+@pytest.mark.parametrize("light", [area_light(eye=(0.4, 0, 4), target=(0.4, 0, 0)), point_light(eye=(0.4, 0, 4))], ids=["area", "point"])
+def test_telling_the_faces_of_a_cube_apart_changes_nothing_where_one_has_casters(light, device):
+    """Places that belong to faces without casters lie outside the only map's windows."""
+    camera = camera_from_above((0.0, 0.0), 13.0, WIDTH, WIDTH)
+    scene = snapshot([floor(), bumpy_sphere("ball", (0, 0.2, 1.2), 0.6, 12)], [light], camera, WIDTH, WIDTH)
+    images = []
+    for told_apart in (False, True):
+        with prepared_renderer(scene, device, method=Method.MICRO, view_count=16, map_resolution_px=256) as renderer:
+            (work,) = renderer.works
+            assert len(work.faces) >= 5 and len(work.mapped) == 1 and "MANY_FACES" not in work.resolve_flags
+            work.resolve_flags += ["MANY_FACES"] * told_apart
+            render_batches(renderer)
+            images.append(renderer.read_passes()["VIR Shadow Key"])
+    assert (images[0] < 0.9).sum() > 50
+    np.testing.assert_array_equal(*images)

@@ -165,8 +165,6 @@ class LightWork(Shared):
     def fitting(self, positions: np.ndarray, normals: np.ndarray, stopwatch: Stopwatch) -> Steps:
         """`fit`, face by face."""
         fitted_faces, is_cube, culled = yield stopwatch.host_work("points", self._fit_views, positions, normals)
-        if is_cube:
-            self.resolve_flags.append("MANY_FACES")
         if self.light.shape is not LightShape.SUN:
             self.reference_m = max((fitted.views.far_m for fitted in fitted_faces), default=1.0)
         self.faces = [self._face(fitted, culled) for fitted in fitted_faces]
@@ -178,6 +176,9 @@ class LightWork(Shared):
         self.masks = [1 << fitted.views.face.index for fitted, _, _ in self.mapped]
         if self.mapped:
             self.masks[0] |= sum(1 << fitted.views.face.index for fitted, _, method in self.faces if method is None)
+        if is_cube and (len(self.masks) > 1 or self.taps):
+            # what lies in faces without casters lies beyond a single map's window, where all is lit anyway
+            self.resolve_flags.append("MANY_FACES")
         for _, _, method in self.faces:
             if method is not None:
                 yield None
