@@ -40,6 +40,26 @@ def test_more_rays_are_more_rounds_of_the_batches_that_shadows_have():
     assert not any("shadows differ" in note for note in plan(scene, Settings(effects=(Effect.REFLECTION,))).notes)
 
 
+@pytest.mark.parametrize("view_count", [1, 4])
+@pytest.mark.parametrize("sample_count", [1, 2, 5, 32])
+def test_without_shadow_passes_there_are_as_many_rays_as_asked_for(view_count, sample_count):
+    """Shadows' edges call for more eye samples than that."""
+    found = plan(mirrored_scene(), Settings(effects=(Effect.REFLECTION,), view_count=view_count, reflection_sample_count=sample_count))
+    ray_count = found.batch_count * found.eye_samples_per_batch
+    assert sample_count <= ray_count < sample_count + found.eye_samples_per_batch
+    assert found.eye_sample_count >= sample_count
+
+
+@pytest.mark.parametrize("effects", [(Effect.REFLECTION,), BOTH])
+def test_the_rest_of_the_picture_is_rendered_for_shadows_alone(device, effects):
+    wide = perspective_camera((0.0, -3.0, 1.6), (0.0, 2.0, 0.9), 128, 72, 0.9)
+    scene = dataclasses.replace(mirrored_scene(128, 72), camera=wide)
+    with prepared_renderer(scene, device, effects=effects, view_count=4, reflection_sample_count=2) as renderer:
+        shown = renderer.reflections.tiles_shown
+        assert shown.any() and not shown.all()
+        np.testing.assert_array_equal(renderer.eye.tiles.is_walked, shown | (Effect.SHADOW in effects))
+
+
 @pytest.mark.parametrize("view_count", [1, 3, 5, 12, 64])
 @pytest.mark.parametrize("sample_count", [1, 32, 100, 1024])
 def test_every_view_counts_as_often_as_others(view_count, sample_count):
