@@ -28,7 +28,7 @@ PICTURES = {
 """name -> screenshot, its part (left, top, right, bottom) in pixels, width in the manual"""
 COLOUR_COUNT = 96
 MOST_COLOUR_COUNT = 256
-COLOURFUL = ("preview_reflections", "shadows_without", "shadows_with", "reflection_without", "reflection_pass", "reflection_with")
+COLOURFUL = ("panel", "preview_reflections", "shadows_without", "shadows_with", "reflection_without", "reflection_pass", "reflection_with")
 """where colours are what a picture shows"""
 
 
