@@ -1,15 +1,53 @@
 // Adds what one light brings to the surfaces that rays met: what arrives, as RESOLVE has it with shadows, times what the surface sends on
-// of it, the mean over points of the light of what it would send on without shadows.
+// of it without shadows: a mean over points of the light; of lobes too narrow for those, one of their directions that meets the light
+// or does not.
 #include "lib/tiles.glsl"
 #include "lib/octahedral.glsl"
 #include "lib/delivered.glsl"
 #include "lib/gloss.glsl"
+#include "lib/facets.glsl"
+#include "lib/hash.glsl"
+#include "lib/lamp.glsl"
 
 #ifdef ORTHOGRAPHIC
 #define from_point(k, p_fs) (light_points[k].xyz)
 #else
 #define from_point(k, p_fs) (p_fs - light_points[k].xyz)
 #endif
+
+// Radiance of the light over the irradiance that it brings, where one of the lobe's directions meets it. arriving: mean weight of its
+// points
+vec3 seen_lamp(Gloss gloss, vec3 p_ws, vec3 normal_fs, vec3 to_eye, vec3 p_fs, float arriving) {
+    float masked = 1.0;
+    vec3 facet = normal_fs;
+    if (gloss.width > MIRROR_WIDTH) {
+        uint random = hash_position(p_ws);
+        vec2 place = vec2(unit_float(random), unit_float(pcg_hash(random)));
+        facet = facet_of(normal_fs, to_eye, gloss.width, place, masked);
+    }
+    vec3 direction = reflect(-to_eye, facet);
+    if (dot(direction, normal_fs) <= 0.0 || !meets_lamp(p_ws, mat3(face[0].xyz, face[1].xyz, face[2].xyz) * direction)) {
+        return vec3(0.0);
+    }
+    vec3 reflected = masked * gloss_fresnel(gloss, clamp(dot(to_eye, facet), 0.0, 1.0));
+#ifdef ORTHOGRAPHIC
+    return reflected / (lamp_area * arriving);
+#else
+#ifdef OMNI
+    // of all of it, as a spot's fading is of all that it brings
+    float squared = dot(p_fs, p_fs);
+    float facing = max(-dot(p_fs, normal_fs) * inversesqrt(squared), 0.1);
+    return reflected * squared / (lamp_area * facing);
+#else
+    float fading = 1.0;
+    if (tan_half_spread > 0.0) {
+        float cosine = -dot(light_axis_fs, direction);
+        fading = max(1.0 - sqrt(max(1.0 - cosine * cosine, 0.0)) / (cosine * tan_half_spread), 0.0);
+    }
+    return reflected * fading * reference_squared_distance / (lamp_area * arriving);
+#endif
+#endif
+}
 
 void main() {
     ivec2 pixel;
@@ -35,21 +73,25 @@ void main() {
 #endif
         vec3 sum = vec3(0.0);
         float weights = 0.0;
+        float distances = 0.0;
         for (int k = 0; k < point_count; k++) {
             vec3 from_light = from_point(k, p_fs);
             float weight = delivered(light_points[k], from_light, normal_fs);
             if (weight > 0.0) {
-                float inverse = inversesqrt(dot(from_light, from_light));
-#ifdef ORTHOGRAPHIC
-                float least_width = point_spacing;
-#else
-                float least_width = point_spacing * inverse;
-#endif
-                sum += weight * gloss_brdf(gloss, normal_fs, to_eye, -inverse * from_light, clamp(least_width, LEAST_LIT_WIDTH, 1.0));
+                float distance = length(from_light);
+                sum += weight * gloss_brdf(gloss, normal_fs, to_eye, -from_light / distance, LEAST_LIT_WIDTH);
                 weights += weight;
+                distances += weight * distance;
             }
         }
-        sent += weights > 0.0 ? sum / weights : vec3(0.0);
+#ifdef ORTHOGRAPHIC
+        float reach = point_reach;
+#else
+        float reach = point_reach * weights / max(distances, 1.0e-30);
+#endif
+        if (weights > 0.0) {
+            sent += gloss.width < reach ? seen_lamp(gloss, position.xyz, normal_fs, to_eye, p_fs, weights / float(point_count)) : sum / weights;
+        }
     }
     imageStore(radiances, pixel, imageLoad(radiances, pixel) + vec4(lit * light_rgb * sent, 0.0));
 }

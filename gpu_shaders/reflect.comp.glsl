@@ -1,29 +1,10 @@
 // Reflects what is looked at, or what the rays before met: the next rays, and what the light that they find is multiplied by.
-//
-// Rough surfaces reflect along one of their facets' normals (Heitz 2018, "Sampling the GGX Distribution of Visible Normals"), another
-// one for every pixel and round.
+// Rough surfaces reflect along one of their facets' normals, another one for every pixel and round.
 #include "lib/surface_point.glsl"
 #include "lib/brdf.glsl"
+#include "lib/facets.glsl"
 #include "lib/pixel_shift.glsl"
 #include "lib/tiles.glsl"
-
-const float MIRROR_WIDTH = 1.0e-4;    // narrower lobes are mirrors: float32 could not tell their directions apart
-const float TWO_PI = 6.28318531;
-
-// The normal of a facet that `view` sees; both in the surface's own space, z along its normal. place: in the unit square
-vec3 visible_facet(vec3 view, float width, vec2 place) {
-    vec3 stretched = normalize(vec3(width * view.xy, view.z));
-    float squared = dot(stretched.xy, stretched.xy);
-    vec3 side = squared > 0.0 ? vec3(-stretched.y, stretched.x, 0.0) * inversesqrt(squared) : vec3(1.0, 0.0, 0.0);
-    vec3 up = cross(stretched, side);
-    float radius = sqrt(place.x);
-    float angle = TWO_PI * place.y;
-    vec2 disk = radius * vec2(cos(angle), sin(angle));
-    float share = 0.5 * (1.0 + stretched.z);
-    disk.y = mix(sqrt(max(1.0 - disk.x * disk.x, 0.0)), disk.y, share);
-    vec3 facet = disk.x * side + disk.y * up + sqrt(max(1.0 - dot(disk, disk), 0.0)) * stretched;
-    return normalize(vec3(width * facet.xy, max(facet.z, 1.0e-6)));
-}
 
 void main() {
     ivec2 pixel;
@@ -79,15 +60,7 @@ void main() {
         vec3 facet = n;
         float masked = 1.0;
         if (width > MIRROR_WIDTH) {
-            vec3 aside = abs(n.z) < 0.9 ? normalize(cross(vec3(0.0, 0.0, 1.0), n)) : normalize(cross(vec3(1.0, 0.0, 0.0), n));
-            vec3 up = cross(n, aside);
-            vec3 view = -vec3(dot(aside, incoming), dot(up, incoming), dot(n, incoming));
-            vec2 place = shifted(pixel, vec2(sample_x, sample_y), bounce);
-            vec3 local = visible_facet(view, width, place);
-            facet = local.x * aside + local.y * up + local.z * n;
-            float leaving = reflect(-view, local).z;
-            float hidden = smith(width, view.z);
-            masked = leaving > 0.0 ? (1.0 + hidden) / (1.0 + hidden + smith(width, leaving)) : 0.0;
+            facet = facet_of(n, -incoming, width, shifted(pixel, vec2(sample_x, sample_y), bounce), masked);
         }
         vec3 outgoing = reflect(incoming, facet);
         float above = dot(outgoing, normal.xyz);

@@ -157,10 +157,11 @@ LIGHT_HITS = ComputeDeclaration(
         **WALK_CONSTANTS,
         "light_rgb": Constant("vec3", "irradiance for a sum of 1"),
         "point_count": Constant("int", "points of the light"),
-        "point_spacing": Constant("float", "between all points that stand for the light, metres; suns: at a metre"),
+        "point_reach": Constant("float", "radius of what each of all the light's points stands for, metres; suns: at a metre"),
     },
     tables={
         "face": FACE_TABLE,
+        "lamp": Table(4, "the light's shape, as of lib/lamp.glsl"),
         "light_points": Table(MAX_BATCH_VIEWS, "points of the light (face space; suns: unit directions of rays) and what each counts"),
     },
     flags={name: RESOLVE.flags[name] for name in DELIVERED_FLAGS},
