@@ -8,6 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 
+MAX_CANDIDATES, MAX_OTHERS = 64, 4096
+"""for the middle of a reflector, and places around it that are asked how near they are"""
+
+
 class SeenPlaces:
     """What G-buffers show of some instances."""
 
@@ -16,6 +20,7 @@ class SeenPlaces:
         sample_count: of a pixel, that the G-buffers are of"""
         flat = np.concatenate([each.reshape(-1, 4) for each in positions])
         shown = flat[flat[:, 3] >= 0]
+        self._others = shown[:: max(1, len(shown) // MAX_OTHERS)].astype(np.float64)
         shown = shown[wanted[shown[:, 3].astype(np.int64)]]
         shown = shown[np.argsort(shown[:, 3], kind="stable")]
         self._places_ws = shown[:, :3].astype(np.float64)
@@ -27,9 +32,18 @@ class SeenPlaces:
         return -(-int((self._starts[own + 1] - self._starts[own]).sum()) // self._sample_count)
 
     def middle(self, own: np.ndarray) -> np.ndarray:
-        """(3,) the one of the places on these instances that is nearest to the mean of all; there is one where `count` is not 0."""
+        """(3,) the one of the places on these instances from which most is seen: near to the mean of all, and not close to other things,
+        which would hide the rest from there. There is one where `count` is not 0."""
         places = np.concatenate([self._places_ws[self._starts[index] : self._starts[index + 1]] for index in own])
-        return places[np.argmin(((places - places.mean(axis=0)) ** 2).sum(axis=1))]
+        from_mean = ((places - places.mean(axis=0)) ** 2).sum(axis=1)
+        size = from_mean.mean()
+        order = np.argsort(from_mean, kind="stable")[:: max(1, len(places) // MAX_CANDIDATES)]
+        others = self._others[~np.isin(self._others[:, 3], own), :3]
+        if len(others) == 0 or not size > 0:
+            return places[order[0]]
+        squared = ((places[order][:, None] - others[None]) ** 2).sum(axis=2)
+        crowd = (1 / (squared + 1e-4 * size)).mean(axis=1)
+        return places[order[np.argmin(crowd / np.median(crowd) + from_mean[order] / size)]]
 
 
 class Candidate(NamedTuple):
