@@ -2,7 +2,8 @@
 
     python -m demo_scenes.colonnade OUT.blend
 
-Fewer than 300,000 triangles, instances counted: what a hardware rasterizer likes and points do not. Metres.
+Fewer than 300,000 triangles, instances counted: what a hardware rasterizer likes and points do not. With `has_mirrors` gazing globes,
+a basin of still water and a tall mirror stand in the aisle under an open sky. Metres.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import bpy
 import numpy as np
 
 from .palette import PALETTE
-from .shapes import Shape, box, joined, lathe, mm, sheet, spline
+from .shapes import Shape, box, ellipsoid, joined, lathe, mm, rotation_about, sheet, spline
 from .stage import Stage, save_scene
 
 SHAFT_HEIGHT_M, SHAFT_RADIUS_M = 4.6, 0.36
@@ -78,13 +79,36 @@ def add_building(stage: Stage, rows: int, columns: int) -> None:
     stage.add("Ground", [(box((80.0, 80.0, 0.1)), "soil")], (0, 0, -0.75))
 
 
-def build(scene: bpy.types.Scene, rows: int = 4, columns: int = 11) -> None:
+def add_mirrors(stage: Stage, front_y_m: float) -> None:
+    """In the aisle behind the first row of columns. front_y_m: where that is"""
+    globe = ellipsoid((0.55, 0.55, 0.55), 64, 128).moved(z_m=1.15)
+    pedestal = lathe(np.maximum(mm("0 0, 300 0, 300 80, 180 160, 150 520, 240 600, 240 640, 0 640"), 0.0), 48)
+    for name, material, x, y in (("Globe", "mirror", -0.55, 2.6), ("Silver Globe", "brushed silver", 0.75, 3.9)):
+        stage.add(f"{name} Pedestal", [(pedestal, "limestone")], (x, front_y_m + y, 0), sharp_deg=30.0)
+        stage.add(name, [(globe, material)], (x, front_y_m + y, 0), sharp_deg=60.0)
+    rims = [box((2.0, 0.16, 0.2), (0, end * 0.72, 0.1)) for end in (-1, 1)] + [
+        box((0.16, 1.28, 0.2), (end * 0.92, 0, 0.1)) for end in (-1, 1)
+    ]
+    stage.add("Basin", [(joined(rims), "marble")], (0.2, front_y_m + 1.0, 0), sharp_deg=20.0)
+    water = Shape(np.array([[-0.84, -0.64, 0.14], [0.84, -0.64, 0.14], [0.84, 0.64, 0.14], [-0.84, 0.64, 0.14]]), np.array([[0, 1, 2, 3]]))
+    stage.add("Water", [(water, "mirror")], (0.2, front_y_m + 1.0, 0))
+    glass = Shape(np.array([[-0.6, 0.0, 0.1], [0.6, 0.0, 0.1], [0.6, 0.35, 2.6], [-0.6, 0.35, 2.6]]), np.array([[0, 1, 2, 3]]))
+    stage.add("Tall Mirror", [(glass.turned(rotation_about("z", 0.2)), "mirror")], (0.0, front_y_m + 6.4, 0))
+
+
+def build(scene: bpy.types.Scene, rows: int = 4, columns: int = 11, *, has_mirrors: bool = False) -> None:
     """Fill an empty scene."""
     stage = Stage(scene, PALETTE, "Colonnade")
     add_columns(stage, rows, columns)
     add_building(stage, rows, columns)
     stage.area_light("Key", "SQUARE", (3.0, 3.0), 20000.0, (1.0, 0.93, 0.82), (16.0, -12.0, 11.0), (0.0, 0.0, 1.0))
-    stage.camera(24.0, (0.2, -columns * PITCH_M / 2 - 2.0, 1.8), (0.2, 0.0, 2.4), (0.1, 100.0))
+    if has_mirrors:
+        front_y = -(columns - 1) / 2 * PITCH_M
+        add_mirrors(stage, front_y)
+        stage.world("Sky", (0.35, 0.5, 0.8), 0.8)
+        stage.camera(34.0, (0.2, front_y - 3.4, 2.5), (0.1, front_y + 2.6, 1.0), (0.1, 100.0))
+    else:
+        stage.camera(24.0, (0.2, -columns * PITCH_M / 2 - 2.0, 1.8), (0.2, 0.0, 2.4), (0.1, 100.0))
 
 
 if __name__ == "__main__":

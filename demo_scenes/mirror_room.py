@@ -73,12 +73,7 @@ def build(scene: bpy.types.Scene, roughness: float = 0.0, shape: str = "sphere",
     stage.add("Mirror", [(mirror, "mirror")], place, sharp_deg=40.0)
     stage.area_light("Key", "SQUARE", (1.5, 1.5), 300.0, (1.0, 0.95, 0.85), (1.5, -1.5, 3.6), (0.0, 0.0, 0.5))
     stage.point_light("Fill", 0.2, 80.0, (0.6, 0.7, 1.0), (-2.5, 1.5, 3.0))
-    world = bpy.data.worlds.new("Sky")
-    if world.node_tree is None:
-        world.use_nodes = True
-    background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
-    background.inputs["Color"].default_value, background.inputs["Strength"].default_value = (0.3, 0.4, 0.6, 1.0), 0.5
-    scene.world = world
+    stage.world("Sky", (0.3, 0.4, 0.6), 0.5)
     stage.camera(38.0, (0.3, -3.6, 1.9), (0.0, 0.0, 0.75))
 
 

@@ -146,6 +146,15 @@ class Stage:
         light.shadow_soft_size, light.energy, light.color = radius_m, power_w, colour
         return self.place(name, light, place)
 
+    def world(self, name: str, colour: Vec3, strength: float) -> None:
+        """One colour in all directions."""
+        world = bpy.data.worlds.new(name)
+        if world.node_tree is None:
+            world.use_nodes = True
+        background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
+        background.inputs["Color"].default_value, background.inputs["Strength"].default_value = (*colour, 1.0), strength
+        self.scene.world = world
+
     def camera(self, lens_mm: float, place: Vec3, target: Vec3, clip_m: tuple[float, float] = (0.1, 50.0)) -> bpy.types.Object:
         """On a sensor of 36 mm; becomes the scene's camera."""
         data = bpy.data.cameras.new("Camera")

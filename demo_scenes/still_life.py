@@ -72,13 +72,6 @@ def add_props(stage: Stage) -> None:
 
 
 def set_up_render(scene: bpy.types.Scene) -> None:
-    world = bpy.data.worlds.new("Dim")
-    if world.node_tree is None:
-        world.use_nodes = True
-    background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
-    background.inputs["Color"].default_value = (0.55, 0.65, 0.8, 1.0)
-    background.inputs["Strength"].default_value = 0.12
-    scene.world = world
     scene.unit_settings.system = "METRIC"
     render = scene.render
     render.resolution_x, render.resolution_y, render.resolution_percentage = 960, 540, 100
@@ -90,6 +83,7 @@ def build(scene: bpy.types.Scene) -> None:
     """Fill an empty scene."""
     stage = Stage(scene, PALETTE, "Still Life")
     set_up_render(scene)
+    stage.world("Dim", (0.55, 0.65, 0.8), 0.12)
     add_props(stage)
     add_lights(stage)
     stage.camera(48.0, (0.5, -2.625, 1.40625), (0.03125, 0.0, 0.984375))

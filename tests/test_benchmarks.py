@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("bpy")
 
 from tests.benchmarks import peers
-from tests.benchmarks.__main__ import BENCHMARKS, NAMES, PEERS
+from tests.benchmarks.__main__ import NAMES, states
 from tests.benchmarks.memory import forget_peak
 from tests.benchmarks.options import Options
 from tests.benchmarks.speed import Asked, verdict_rows
@@ -22,7 +22,7 @@ SPEED_SCENES = ("closed_surface", "model", "colonnade", "furnished_room", "fores
 
 @pytest.mark.parametrize("name", [name if name in QUICKEST else pytest.param(name, marks=pytest.mark.slow) for name in NAMES])
 def test_runs_and_fills_its_tables(name, tmp_path):
-    tables = (BENCHMARKS | PEERS)[name](Options(tmp_path, "moderngl", is_quick=True, rounds=1))
+    *_, tables = states(name, Options(tmp_path, "moderngl", is_quick=True, rounds=1))
     # of pictures as coarse as these nobody's error need come down to what is asked
     may_be_empty = {"VIR / this"}
     if not forget_peak():

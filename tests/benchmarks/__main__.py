@@ -11,7 +11,7 @@ import json
 import os
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +21,29 @@ from rich.console import Console
 from vir_addon import __version__
 from vir_addon.device.open import DEVICE_NAMES, open_device
 
-from . import adaptive, depth_maps, growth, hybrid_threshold, memory, one_map, peers, reflections, speed, tolerances, whole_render
+from . import (
+    adaptive,
+    depth_maps,
+    growth,
+    hybrid_threshold,
+    memory,
+    one_map,
+    peers,
+    reflections,
+    reflections_cycles,
+    speed,
+    tolerances,
+    whole_render,
+)
 from .options import Options
 from .tables import BenchTable
 
 LOG_WIDTH = 160
 """characters of a line where there is no terminal to ask"""
 RECORD_KEYS = frozenset({"measured_with", "machine", "tables"})
-Run = Callable[[Options], list[BenchTable]]
+Tables = list[BenchTable]
+Run = Callable[[Options], Tables | Iterator[Tables]]
+"""What takes long is an iterator: the tables again after every few rows."""
 BENCHMARKS: dict[str, Run] = {
     "closed_surface": speed.closed_surface,
     "model": speed.model,
@@ -48,7 +63,12 @@ BENCHMARKS: dict[str, Run] = {
     "reflections": reflections.run,
     "tolerances": tolerances.run,
 }
-PEERS: dict[str, Run] = {"peers_head": peers.head, "peers_colonnade": peers.hall, "peers_model": peers.model}
+PEERS: dict[str, Run] = {
+    "peers_head": peers.head,
+    "peers_colonnade": peers.hall,
+    "peers_model": peers.model,
+    "reflections_cycles": reflections_cycles.run,
+}
 """what `--peers` runs: `make bench-peers`"""
 NAMES = [*BENCHMARKS, *PEERS]
 
@@ -96,6 +116,21 @@ def write_record(folder: Path, record: dict[str, Any]) -> None:
     (folder / "bench.md").write_text("\n".join(texts), encoding="utf-8")
 
 
+def states(name: str, options: Options) -> Iterator[Tables]:
+    """A bench's tables, as far as they are; the last are all of them."""
+    found = (BENCHMARKS | PEERS)[name](options)
+    yield from [found] if isinstance(found, list) else found
+
+
+def print_new_rows(console: Console, tables: Tables, shown: set[int]) -> None:
+    """shown: ids of the rows that have been"""
+    for table in tables:
+        for row in table.rows:
+            if id(row) not in shown:
+                console.print(table.line(row), highlight=False)
+                shown.add(id(row))
+
+
 def main() -> None:
     options, names = parse_options()
     options.output.mkdir(parents=True, exist_ok=True)
@@ -110,13 +145,16 @@ def main() -> None:
             measured_with += " Quick sizes: the figures mean nothing."
         console.print(f"{name}: {measured_with}", highlight=False)
         start_s = time.perf_counter()
-        tables = (BENCHMARKS | PEERS)[name](options)
+        tables: Tables = []
+        shown: set[int] = set()
+        for tables in states(name, options):
+            print_new_rows(console, tables, shown)
+            # after every few rows: a run that is stopped keeps what it has
+            record[name] = {"measured_with": measured_with, "machine": facts, "tables": [table.to_data() for table in tables]}
+            write_record(options.output, record)
         for table in tables:
             console.print(table.to_rich())
         console.print(f"{name} took {time.perf_counter() - start_s:.0f} s\n", highlight=False)
-        # after every one: a run that is stopped keeps what it has
-        record[name] = {"measured_with": measured_with, "machine": facts, "tables": [table.to_data() for table in tables]}
-        write_record(options.output, record)
     console.print(f"wrote {options.output / 'bench.json'} and bench.md", highlight=False)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from demo_scenes import colonnade, furnished_room
 from tests import cycles
+from tests.eevee import choose_eevee
 from vir_addon.blender.job import frame_jobs
 from vir_addon.blender.job import run as run_job
 from vir_addon.core.exr import write_exr
@@ -37,8 +38,6 @@ VIR_AUTO = f"VIR {Method.AUTO.value}"
 ASKED_RMSE = 0.03
 EEVEE_SLACK = 1.05
 """of EEVEE's best error: nobody waits four times as long for the last few percent"""
-EEVEE_ENGINES = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT")
-"""since 5.0, and in 4.5"""
 Row = dict[str, Any]
 
 
@@ -92,7 +91,7 @@ class Contest:
         """Jittered soft shadows, with the most rays and steps that there are."""
         engine = self.scene.render.engine
         try:
-            _choose_eevee(self.scene)
+            choose_eevee(self.scene)
             self.light.data.use_shadow_jitter = True
             eevee = self.scene.eevee
             eevee.shadow_ray_count, eevee.shadow_step_count = 4, 16
@@ -114,16 +113,6 @@ class Contest:
         finally:
             self.light.data.use_shadow = True
             self.scene.render.engine = engine
-
-
-def _choose_eevee(scene: bpy.types.Scene) -> None:
-    for engine in EEVEE_ENGINES:
-        try:
-            scene.render.engine = engine
-            return
-        except TypeError:
-            continue
-    raise RuntimeError("this Blender has no engine of that name")
 
 
 def seconds_to_reach(rows: list[Row], rmse: float, seconds: str = "seconds") -> float:

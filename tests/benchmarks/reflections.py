@@ -1,14 +1,17 @@
-"""Maps of many reflectors from one cloud against drawing them one by one, and what is shaded of them; without Blender.
+"""Frames with cubes of many reflectors from one cloud against drawing the cubes one by one, and what is shaded; without Blender.
 
 A floor, bumpy balls that stand around on it, a million triangles in all, and mirror balls between them. The reference is the
-same picture, rasterized cubes too, at four times the resolution.
+same picture, rasterized cubes too, at four times the resolution. A frame is all but reading and uploading the scene, with one ray of
+every pixel that shows a reflector, unless the table says otherwise.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import statistics
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +23,8 @@ from vir_addon.core.material import World
 from vir_addon.core.methods.reflected_points import clouds
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, ReflectionStatistics
 from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL, ReflectionMaps
-from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.plan import plan, settings_for
-from vir_addon.core.reflectors import PlannedReflections
-from vir_addon.core.render import render
+from vir_addon.core.render import Renderer, render
 from vir_addon.core.scene import SceneSnapshot
 from vir_addon.core.settings import Effect, ReflectionMethod, Settings
 from vir_addon.device.interface import Device
@@ -39,7 +40,10 @@ REFERENCE_FACTOR = 4
 MIB = 1 << 20
 TARGET_BYTES = 12
 """a texel of what the rasterizer draws a map into"""
-MUST_SPEEDUP, MUST_SHADING = 4.0, 30.0
+MUST_SPEEDUP, MUST_SHADING, MUST_COUNT = 4.0, 30.0, 20
+"""and at how many reflectors"""
+MAPS, SHADES = "reflection maps", ("reflect", "light reflections", "resolve")
+"""stages of a frame"""
 
 
 def scene_of(reflector_count: int, triangle_count: int, width_px: int, distance_m: float = 7.5) -> SceneSnapshot:
@@ -71,61 +75,104 @@ def scene_of(reflector_count: int, triangle_count: int, width_px: int, distance_
     return snapshot(meshes, [light], camera, width_px, height_px, transforms=np.array(transforms), materials=materials, world=world)
 
 
-def settings_with(method: ReflectionMethod, **choices: Any) -> Settings:
-    return Settings(effects=(Effect.REFLECTION,), reflection_method=method, reflection_sample_count=2, view_count=1, bounces=1, **choices)
+def settings_with(method: ReflectionMethod, sample_count: int = 1, **choices: Any) -> Settings:
+    return Settings(
+        effects=(Effect.REFLECTION,),
+        reflection_method=method,
+        reflection_sample_count=sample_count,
+        view_count=1,
+        bounces=1,
+        **choices,
+    )
 
 
-def render_once(scene: SceneSnapshot, settings: Settings, device: Device) -> tuple[dict[str, np.ndarray], ReflectionStatistics]:
-    for progress in render(scene, plan(scene, settings_for(device, settings)), device):
-        found = progress.statistics.reflections
-        if progress.batches_done == progress.batches_total and found is not None and found.map_count:
-            return progress.passes, found
-    raise RuntimeError("nothing reflects")
+class StageClock:
+    """Processors' time of every stage; to be called as the renderer's `on_stage`. Before the first there is none."""
+
+    def __init__(self) -> None:
+        self.cpu_ms: dict[str, float] = {}
+        self._current, self._since_s = "", 0.0
+
+    def __call__(self, stage: str, light_name: str | None = None) -> None:
+        now_s = time.process_time()
+        self.cpu_ms[self._current] = self.cpu_ms.get(self._current, 0.0) + (now_s - self._since_s) * 1e3
+        self._current, self._since_s = stage, now_s
 
 
-class Drawing:
-    """Maps of a scene, again and again."""
+class Frames:
+    """The same frame again and again, of a scene that is on the device."""
 
-    def __init__(self, scene: SceneSnapshot, scene_data: SceneData, settings: Settings) -> None:
-        self.scene, self.scene_data, self.settings = scene, scene_data, settings
-        planned = plan(scene, settings).reflections
-        assert planned is not None
-        self.planned: PlannedReflections = planned
-        self.bounds = compute_bounds(scene)
+    def __init__(self, scene: SceneSnapshot, settings: Settings, device: Device) -> None:
+        self.scene, self.settings, self.device = scene, settings, device
+        self.plan = plan(scene, settings_for(device, settings))
+        self.first = Renderer(scene, self.plan, device)
+        """has the scene, and has compiled"""
+        device.run(self.first.prepare)
+        self.passes, self.found = self._finish(self.first)
+
+    def _finish(self, renderer: Renderer) -> tuple[dict[str, np.ndarray], ReflectionStatistics]:
+        for batch in range(self.plan.batch_count):
+            self.device.run(renderer.render_batch, batch)
+        found = renderer.statistics.reflections
+        if found is None or not found.map_count:
+            raise RuntimeError("nothing reflects")
+        return renderer.read_passes(), found
 
     def run(self) -> dict[str, float]:
-        device = self.scene_data.device
-        device.finish()
+        """Milliseconds of the whole, of its maps and of what comes after them, waited and of all processors."""
+        clock = StageClock()
+        self.device.finish()
         start_s, start_cpu_s = time.perf_counter(), time.process_time()
-        found = device.run(self._run)
-        device.finish()
-        return {**found, "maps_ms": (time.perf_counter() - start_s) * 1e3, "cpu_ms": (time.process_time() - start_cpu_s) * 1e3}
+        with contextlib.closing(Renderer(self.scene, self.plan, self.device, clock, self.first)) as renderer:
+            self.device.run(renderer.prepare)
+            self._finish(renderer)
+            total_s, total_cpu_s = time.perf_counter() - start_s, time.process_time() - start_cpu_s
+            clock("")
+            return {
+                "total_ms": total_s * 1e3,
+                "total_cpu_ms": total_cpu_s * 1e3,
+                "maps_ms": renderer.stopwatch.shared_ms[MAPS],
+                "maps_cpu_ms": clock.cpu_ms[MAPS],
+                "shading_cpu_ms": sum(clock.cpu_ms.get(stage, 0.0) for stage in SHADES),
+            }
 
-    def _run(self) -> dict[str, float]:
-        maps = ReflectionMaps(self.scene_data, self.bounds, self.planned.maps)
+    def sizes(self) -> dict[str, float]:
+        """Of the maps as they are made: samples of clouds, memory, texels."""
+        work = self.first.reflections
+        assert work is not None
+        maps = ReflectionMaps(work.scene_data, compute_bounds(self.scene), work.planned.maps)
+        try:
+            return self.device.run(self._sizes, maps, work.planned.reflectors)
+        finally:
+            self.device.run(maps.release)
+
+    def _sizes(self, maps: ReflectionMaps, reflectors: Any) -> dict[str, float]:
         for _ in maps.drawing():
             pass
-        used = clouds(maps, self.planned.reflectors, self.bounds, self.settings)
+        used = clouds(maps, reflectors, maps.bounds, self.plan.settings)
         for cloud in used:
             for _ in cloud.drawing():
                 pass
-        drawn_texels = max(each.face_count * each.width_px * each.height_px for each in self.planned.maps)
-        held_bytes = sum(cloud.most_bytes for cloud in used) or TARGET_BYTES * drawn_texels
-        self.scene_data.device.finish()
-        maps.release()
+        drawn = maps.maps
+        held_bytes = sum(cloud.most_bytes for cloud in used)
+        held_bytes = held_bytes or TARGET_BYTES * max(each.face_count * each.width_px * each.height_px for each in drawn)
         return {
             "samples": sum(cloud.triangle_count + cloud.point_count for cloud in used),
-            "memory_mib": (held_bytes + BYTES_PER_TEXEL * sum(each.texel_count for each in self.planned.maps)) / MIB,
-            "cubes": len(self.planned.maps),
-            "cube_px": statistics.mean(each.width_px for each in self.planned.maps),
-            "texels": sum(each.face_count * each.width_px * each.height_px for each in self.planned.maps),
+            "memory_mib": (held_bytes + BYTES_PER_TEXEL * sum(each.texel_count for each in drawn)) / MIB,
+            "cube_px": statistics.mean(each.width_px for each in drawn),
+            "texels": sum(each.face_count * each.width_px * each.height_px for each in drawn),
         }
+
+    def close(self) -> None:
+        self.first.close()
 
 
 def reference_of(reflector_count: int, triangle_count: int, width_px: int, device: Device, **where: float) -> np.ndarray:
     """(height, width, 3) what `mvr` makes of it at REFERENCE_FACTOR times the resolution, brought down."""
     fine = scene_of(reflector_count, triangle_count, REFERENCE_FACTOR * width_px, **where)
-    passes, _ = render_once(fine, settings_with(ReflectionMethod.MVR, reflection_map_mib=4096), device)
+    settings = settings_with(ReflectionMethod.MVR, sample_count=2, reflection_map_mib=4096)
+    *_, progress = render(fine, plan(fine, settings_for(device, settings)), device)
+    passes = progress.passes
     image = np.clip(passes[REFLECTION_PASS_NAME] * passes[REFLECTION_COLOR_PASS_NAME], 0, 1)
     height, width = image.shape[0] // REFERENCE_FACTOR, image.shape[1] // REFERENCE_FACTOR
     return image.reshape(height, REFERENCE_FACTOR, width, REFERENCE_FACTOR, 3).mean(axis=(1, 3))
@@ -138,55 +185,49 @@ def error_of(passes: dict[str, np.ndarray], reference: np.ndarray) -> float:
     return float(np.sqrt(((image - reference)[shown] ** 2).mean()))
 
 
+def measured(frames: dict[str, Frames], rounds: int, reference: np.ndarray) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Of each, the medians of rounds in which all take turns, and the error."""
+    results = take_turns({name: each.run for name, each in frames.items()}, rounds)
+    for name, own in results.items():
+        medians = {key: statistics.median(each[key] for each in own) for key in own[0]}
+        each = frames[name]
+        found = {**medians, **each.sizes(), "shaded": each.found.ray_count, "by_direction": each.found.by_direction_share}
+        yield name, {**found, "rmse": error_of(each.passes, reference), "rounds": own}
+
+
 def measure(reflector_count: int, triangle_count: int, width_px: int, rounds: int, device: Device) -> list[dict[str, Any]]:
+    """All methods; and `mvr` as published, which shades every texel of its cubes at what a ray's shading takes here."""
     scene = scene_of(reflector_count, triangle_count, width_px)
     reference = reference_of(reflector_count, triangle_count, width_px, device)
-    pictures = {method: render_once(scene, settings_with(method), device) for method in METHODS}
-    scene_data = SceneData(scene, device)
-    drawings = {method.value: Drawing(scene, scene_data, settings_with(method)) for method in METHODS}
-    results = take_turns({name: drawing.run for name, drawing in drawings.items()}, rounds)
-    scene_data.release()
-    baseline = results[ReflectionMethod.MVR.value]
-    rows = []
-    for method in METHODS:
-        own = results[method.value]
-        medians = {key: statistics.median(each[key] for each in own) for key in own[0]}
-        passes, found = pictures[method]
-        rows.append(
-            {
-                "reflectors": reflector_count,
-                "method": method.value,
-                **medians,
-                **{
-                    f"{key}_ratio": median_ratio([each[key] for each in baseline], [each[key] for each in own])
-                    for key in ("maps_ms", "cpu_ms")
-                },
-                "shaded": found.ray_count,
-                "shading_ratio": medians["texels"] / max(found.ray_count, 1),
-                "by_direction": found.by_direction_share,
-                "rmse": error_of(passes, reference),
-                "rounds": own,
-            }
-        )
+    with contextlib.ExitStack() as stack:
+        frames = {method.value: Frames(scene, settings_with(method), device) for method in METHODS}
+        for each in frames.values():
+            stack.callback(each.close)
+        rows = [{"reflectors": reflector_count, "method": name, **found} for name, found in measured(frames, rounds, reference)]
+    baseline = rows[0]
+    for row in rows:
+        for key in ("total_ms", "total_cpu_ms", "maps_cpu_ms"):
+            row[f"{key}_ratio"] = median_ratio([each[key] for each in baseline["rounds"]], [each[key] for each in row["rounds"]])
+        row["shading_ratio"] = row["texels"] / max(row["shaded"], 1)
     return rows
 
 
-def sweep(options: Options, device: Device) -> list[dict[str, Any]]:
-    """epr with other numbers of points of the eye's pixel, from farther and nearer."""
+def sweep(options: Options, device: Device) -> Iterator[dict[str, Any]]:
+    """epr with other numbers of points of the eye's pixel, from farther and nearer; and with more rays of each pixel."""
     reflector_count, triangle_count, width_px = options.pick((20, 1_000_000, 320), (2, 20_000, 64))
-    rows = []
+    choices = [(share, 1) for share in (0.25, 0.5, 1.0)] + [(0.5, count) for count in options.pick((4, 16), (2,))]
     for distance_m in options.pick((12.0, 7.5, 5.0), (7.5,)):
         scene = scene_of(reflector_count, triangle_count, width_px, distance_m)
         reference = reference_of(reflector_count, triangle_count, width_px, device, distance_m=distance_m)
-        scene_data = SceneData(scene, device)
-        choices = {share: settings_with(ReflectionMethod.EPR, points_per_eye_pixel=share) for share in (0.25, 0.5, 1.0)}
-        errors = {share: error_of(render_once(scene, settings, device)[0], reference) for share, settings in choices.items()}
-        jobs = {str(share): Drawing(scene, scene_data, settings).run for share, settings in choices.items()}
-        for share, own in take_turns(jobs, options.round_count(full=5, quick=1)).items():
-            medians = {key: statistics.median(each[key] for each in own) for key in own[0]}
-            rows.append({"share": float(share), **medians, "rmse": errors[float(share)]})
-        scene_data.release()
-    return rows
+        with contextlib.ExitStack() as stack:
+            frames = {}
+            for share, count in choices:
+                settings = settings_with(ReflectionMethod.EPR, count, points_per_eye_pixel=share)
+                each = frames[f"{share} {count}"] = Frames(scene, settings, device)
+                stack.callback(each.close)
+            found = dict(measured(frames, options.round_count(full=3, quick=1), reference))
+        for share, count in choices:
+            yield {"share": share, "rays": count, "distance_m": distance_m, **found[f"{share} {count}"]}
 
 
 def plot(rows: list[dict[str, Any]], path: Path) -> None:
@@ -196,40 +237,52 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
     from matplotlib import pyplot
 
     figure, axes = pyplot.subplots(figsize=(6, 4), layout="constrained")
-    for share in dict.fromkeys(row["share"] for row in rows):
-        own = [row for row in rows if row["share"] == share]
-        axes.plot([row["cpu_ms"] for row in own], [row["rmse"] for row in own], marker="o", label=f"{share:g} points an eye's pixel")
+    for share, count in dict.fromkeys((row["share"], row["rays"]) for row in rows):
+        own = [row for row in rows if (row["share"], row["rays"]) == (share, count)]
+        label = f"{share:g} points of an eye's pixel, {count} {'ray' if count == 1 else 'rays'}"
+        axes.plot([row["total_cpu_ms"] for row in own], [row["rmse"] for row in own], marker="o", label=label)
         for row in own:
-            axes.annotate(f"{row['cube_px']:.0f} px", (row["cpu_ms"], row["rmse"]), fontsize=7)
-    axes.set(title="epr: time and error by its density, cubes of several sizes", xlabel="processors, ms", ylabel="RMSE")
-    axes.grid(alpha=0.3)
+            axes.annotate(f"{row['cube_px']:.0f} px", (row["total_cpu_ms"], row["rmse"]), fontsize=7)
+    axes.set(title="epr by its density and rays of a pixel, cubes of several sizes", xlabel="processors, ms a frame", ylabel="RMSE")
+    axes.set_xscale("log")
+    axes.grid(which="both", alpha=0.3)
     axes.legend(fontsize=8)
     figure.savefig(path, dpi=120)
     pyplot.close(figure)
 
 
-def run(options: Options) -> list[BenchTable]:
+def run(options: Options) -> Iterator[list[BenchTable]]:
     triangle_count, width_px = options.pick((1_000_000, 320), (20_000, 64))
+    rows: list[dict[str, Any]] = []
+    swept: list[dict[str, Any]] = []
     device = open_device(options.device_name)
     try:
-        rows = []
-        for reflector_count in options.pick((1, 10, 20, 50), (1, 2)):
+        # what is asked comes first
+        for reflector_count in options.pick((MUST_COUNT, 1, 10, 50), (2, 1)):
             rows += measure(reflector_count, triangle_count, width_px, options.round_count(full=5, quick=1), device)
-        swept = sweep(options, device)
+            rows.sort(key=lambda row: row["reflectors"])
+            yield tables(rows, swept, triangle_count, width_px)
+        for row in sweep(options, device):
+            swept.append(row)
+            yield tables(rows, swept, triangle_count, width_px)
     finally:
         device.close()
     plot(swept, options.output / "reflections_density.png")
+
+
+def tables(rows: list[dict[str, Any]], swept: list[dict[str, Any]], triangle_count: int, width_px: int) -> list[BenchTable]:
     shared = (
         Column("cube_px", "texels wide", "{:.0f}"),
         Column("samples", "samples", "{:,.0f}"),
-        Column("maps_ms", "maps, ms", "{:.0f}"),
-        Column("cpu_ms", "processors, ms", "{:.0f}"),
+        Column("total_ms", "frame, ms", "{:.0f}"),
+        Column("total_cpu_ms", "processors, ms", "{:.0f}"),
+        Column("maps_cpu_ms", "its maps", "{:.0f}"),
     )
     return [
         BenchTable(
-            title=f"Cubes of reflectors among {triangle_count:,} triangles, {width_px} x {round(width_px * 9 / 16)}",
+            title=f"Frames with reflectors among {triangle_count:,} triangles, {width_px} x {round(width_px * 9 / 16)}",
             compared=(
-                f"Medians. At 20 reflectors epr must be {MUST_SPEEDUP:g} times as fast as mvr, and shade no more than a "
+                f"Medians. At {MUST_COUNT} reflectors epr must be {MUST_SPEEDUP:g} times as fast as mvr, and shade no more than a "
                 f"{MUST_SHADING:g}th of the cubes' texels, all of which mvr as published shades. Shaded: rays of an eye sample, whatever "
                 f"the method: all defer it. RMSE against mvr at {REFERENCE_FACTOR} times the resolution, on pixels of reflectors, up to 1."
             ),
@@ -237,8 +290,9 @@ def run(options: Options) -> list[BenchTable]:
                 Column("reflectors", "reflectors"),
                 Column("method", "method"),
                 *shared,
-                Column("maps_ms_ratio", "mvr / this", "{:.2f}"),
-                Column("cpu_ms_ratio", "processors", "{:.2f}"),
+                Column("total_ms_ratio", "mvr / this", "{:.2f}"),
+                Column("total_cpu_ms_ratio", "processors", "{:.2f}"),
+                Column("maps_cpu_ms_ratio", "its maps", "{:.2f}"),
                 Column("texels", "texels of cubes", "{:,.0f}"),
                 Column("shaded", "shaded", "{:,}"),
                 Column("shading_ratio", "texels / shaded", "{:.1f}"),
@@ -249,9 +303,15 @@ def run(options: Options) -> list[BenchTable]:
             rows=rows,
         ),
         BenchTable(
-            title="epr by its points of the eye's pixel (rho_scale)",
+            title=f"epr by its points of the eye's pixel (rho_scale) and rays of a pixel, {MUST_COUNT} reflectors",
             compared="The same scene with the eye nearer and farther; plotted in reflections_density.png.",
-            columns=(Column("share", "points of a pixel", "{:g}"), *shared, Column("rmse", "RMSE", "{:.4f}")),
+            columns=(
+                Column("distance_m", "eye, m away", "{:g}"),
+                Column("share", "points of a pixel", "{:g}"),
+                Column("rays", "rays of a pixel"),
+                *shared,
+                Column("rmse", "RMSE", "{:.4f}"),
+            ),
             rows=swept,
         ),
     ]

@@ -39,6 +39,11 @@ class BenchTable:
             table.add_row(*(column.show(row) for column in self.columns))
         return table
 
+    def line(self, row: dict[str, Any]) -> str:
+        """One row by itself."""
+        shown = ((column.heading, column.show(row)) for column in self.columns)
+        return ", ".join(f"{heading} {value}" for heading, value in shown if value)
+
     def to_markdown(self) -> str:
         head = "| " + " | ".join(column.heading for column in self.columns) + " |"
         rule = "|" + "|".join("---" if index == 0 else "---:" for index in range(len(self.columns))) + "|"

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from demo_scenes import colonnade, forest, furnished_room  # noqa: E402  (bpy decides whether this file runs)
-from vir_addon.blender.job import take_snapshot  # noqa: E402
+from demo_scenes import breakfast, colonnade, forest, furnished_room, gallery  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.blender.job import frame_jobs, take_snapshot  # noqa: E402
 from vir_addon.core.plan import plan  # noqa: E402
 from vir_addon.core.scene import LightShape, SceneSnapshot  # noqa: E402
-from vir_addon.core.settings import Settings  # noqa: E402
+from vir_addon.core.settings import Effect, Settings  # noqa: E402
 
 
 def built(build: Callable[..., None], **sizes: int) -> SceneSnapshot:
@@ -63,3 +64,18 @@ def test_a_tree_leaves_room_for_its_leaves_and_is_the_same_every_time():
     assert triangles == pytest.approx(60_000, rel=0.001)
     assert 2 * len(leaves.quads) > 0.1 * triangles
     assert leaves.points[:, 2].min() > 1.0
+
+
+@pytest.mark.parametrize(
+    ("build", "planar_count", "cube_count"),
+    [(partial(colonnade.build, columns=7, has_mirrors=True), 2, 2), (breakfast.build, 0, 7), (gallery.build, 1, 3)],
+    ids=["colonnade", "breakfast", "gallery"],
+)
+def test_scenes_of_mirrors_have_them_in_the_picture(build, planar_count, cube_count):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    build(bpy.context.scene)
+    (job,) = frame_jobs(bpy.context.scene, 1, Settings(effects=(Effect.REFLECTION,)), (160, 90)).values()
+    assert not job.snapshot.left_out
+    shown = [each for each in job.plan.reflections.reflectors if each.seen is not None]
+    is_planar = [each.method_text == "planar" for each in shown]
+    assert (sum(is_planar), len(shown) - sum(is_planar)) == (planar_count, cube_count)
