@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-
 MAX_CANDIDATES, MAX_OTHERS = 64, 4096
 """for the middle of a reflector, and places around it that are asked how near they are"""
 
