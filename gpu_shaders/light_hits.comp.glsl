@@ -15,6 +15,8 @@
 #define from_point(k, p_fs) (p_fs - light_points[k].xyz)
 #endif
 
+const float LEAST_FACING = 0.1;
+
 // Radiance of the light over the irradiance that it brings, where one of the lobe's directions meets it. arriving: mean weight of its
 // points
 vec3 seen_lamp(Gloss gloss, vec3 p_ws, vec3 normal_fs, vec3 to_eye, vec3 p_fs, float arriving) {
@@ -30,22 +32,19 @@ vec3 seen_lamp(Gloss gloss, vec3 p_ws, vec3 normal_fs, vec3 to_eye, vec3 p_fs, f
         return vec3(0.0);
     }
     vec3 reflected = masked * gloss_fresnel(gloss, clamp(dot(to_eye, facet), 0.0, 1.0));
-#ifdef ORTHOGRAPHIC
-    return reflected / (lamp_area * arriving);
-#else
 #ifdef OMNI
-    // of all of it, as a spot's fading is of all that it brings
-    float squared = dot(p_fs, p_fs);
-    float facing = max(-dot(p_fs, normal_fs) * inversesqrt(squared), 0.1);
-    return reflected * squared / (lamp_area * facing);
+    // a sphere's points may all look away in a round; a spot fades in what it brings, and so does what is seen of it
+    float facing = max(-dot(p_fs, normal_fs) * inversesqrt(dot(p_fs, p_fs)), LEAST_FACING);
+    return reflected * dot(p_fs, p_fs) / (lamp_area * facing);
 #else
     float fading = 1.0;
+#ifndef ORTHOGRAPHIC
     if (tan_half_spread > 0.0) {
         float cosine = -dot(light_axis_fs, direction);
         fading = max(1.0 - sqrt(max(1.0 - cosine * cosine, 0.0)) / (cosine * tan_half_spread), 0.0);
     }
-    return reflected * fading * reference_squared_distance / (lamp_area * arriving);
 #endif
+    return reflected * fading * reference_squared_distance / (lamp_area * arriving);
 #endif
 }
 

@@ -8,13 +8,25 @@ import numpy as np
 import pytest
 
 from tests.ray_tracing import intersect, world_triangles
-from tests.scenes import box, bumpy_sphere, floor, matte, mirror, perspective_camera, point_light, rectangle, render_passes, snapshot
+from tests.scenes import (
+    area_light,
+    box,
+    bumpy_sphere,
+    floor,
+    matte,
+    mirror,
+    perspective_camera,
+    point_light,
+    rectangle,
+    render_passes,
+    snapshot,
+)
 from vir_addon.core.material import World
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
 from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX
 from vir_addon.core.plan import plan as planned
 from vir_addon.core.reflectors import MAX_GROUPS, MAX_REFLECTORS
-from vir_addon.core.scene import Mesh
+from vir_addon.core.scene import LightShape, Mesh
 from vir_addon.core.settings import Effect, Settings
 
 WIDTH, HEIGHT = 160, 90
@@ -205,6 +217,32 @@ def test_parallel_mirrors_show_as_many_images_as_bounces(device, bounces):
         row = round(HEIGHT / 2 + 0.4 / distance / 0.5 * WIDTH / 2)
         shown += image[row, column] > 0.99
     assert shown == bounces
+
+
+@pytest.mark.parametrize(
+    "shape", [LightShape.RECTANGLE, *(pytest.param(each, marks=pytest.mark.slow) for each in (LightShape.ELLIPSE, LightShape.POINT))]
+)
+def test_a_mirror_in_a_mirror_shows_the_lamp(device, shape):
+    """Nine metres behind the first mirror, as bright as it is and no larger; the first mirror itself does not show it."""
+    front = rectangle("front", (-3, 2, -3), (6, 0, 0), (0, 0, 6))
+    back = rectangle("back", (-3, -2, -3), (0, 0, 6), (6, 0, 0))
+    size_m, place = (0.6, 0.6 if shape is LightShape.POINT else 0.4), (0.45, 0.0, 0.1)
+    area = {LightShape.RECTANGLE: 1.0, LightShape.ELLIPSE: np.pi / 4, LightShape.POINT: np.pi / 4}[shape] * size_m[0] * size_m[1]
+    if shape is LightShape.POINT:
+        lamp = point_light(eye=place, radius_m=size_m[0] / 2, strength=5.0 * area)
+    else:
+        lamp = area_light(eye=place, target=(0.45, -5.0, 0.1), size_m=size_m, shape=shape, strength=5.0 * area)
+    camera = perspective_camera((0.0, -1.0, 0.0), (0.0, 2.0, 0.0), WIDTH, HEIGHT, 0.1)
+    scene = snapshot([front, back], [lamp], camera, WIDTH, HEIGHT, materials=[mirror(), mirror()], world=World())
+    settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "reflection_sample_count": 4, "view_count": 4 if shape.is_area else 64}
+    image = render_passes(scene, device, **settings)[REFLECTION_PASS_NAME][..., 0]
+
+    _, directions = camera_rays(camera, WIDTH, HEIGHT)
+    seen = 9.0 * directions / np.abs(directions[..., 1:2])
+    x, z = (seen[..., 0] - place[0]) / size_m[0], (seen[..., 2] - place[2]) / size_m[1]
+    away = np.maximum(np.abs(x), np.abs(z)) if shape is LightShape.RECTANGLE else np.hypot(x, z)
+    assert image[away < 0.47] == pytest.approx(5.0, rel=0.02 if shape.is_area else 0.05)
+    assert not image[away > 0.53].any()
 
 
 def test_a_reflector_that_is_not_convex_shows_itself(device):
