@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 
 from tests.scenes import matte, mirror, perspective_camera, point_light, snapshot
-from vir_addon.core.bounds import compute_bounds
 from vir_addon.core.material import World
 from vir_addon.core.methods.reflected_points import clouds
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, ReflectionStatistics
 from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL, ReflectionMaps
 from vir_addon.core.plan import plan, settings_for
+from vir_addon.core.reflection_work import ReflectionWork
 from vir_addon.core.render import Renderer, render
 from vir_addon.core.scene import SceneSnapshot
 from vir_addon.core.settings import Effect, ReflectionMethod, Settings
@@ -140,16 +140,19 @@ class Frames:
         """Of the maps as they are made: samples of clouds, memory, texels."""
         work = self.first.reflections
         assert work is not None
-        maps = ReflectionMaps(work.scene_data, compute_bounds(self.scene), work.planned.maps)
-        try:
-            return self.device.run(self._sizes, maps, work.planned.reflectors)
-        finally:
-            self.device.run(maps.release)
+        return self.device.run(self._sizes, work)
 
-    def _sizes(self, maps: ReflectionMaps, reflectors: Any) -> dict[str, float]:
+    def _sizes(self, work: ReflectionWork) -> dict[str, float]:
+        maps = ReflectionMaps(work.scene_data, self.plan.bounds, work.planned.maps)
+        try:
+            return self._sizes_of(maps, work)
+        finally:
+            maps.release()
+
+    def _sizes_of(self, maps: ReflectionMaps, work: ReflectionWork) -> dict[str, float]:
         for _ in maps.drawing():
             pass
-        used = clouds(maps, reflectors, maps.bounds, self.plan.settings)
+        used = clouds(maps, work.planned.reflectors, self.plan.bounds, self.plan.settings)
         for cloud in used:
             for _ in cloud.drawing():
                 pass
