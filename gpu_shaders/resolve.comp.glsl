@@ -33,9 +33,14 @@ bool is_of_point(float depth) {
 
 // Whether a stored point lies in the tangent plane of a receiver at depth z or below it.
 bool is_below(float depth, float height, float z, float footprint) {
-    float bias_footprints = is_of_point(depth) ? POINT_BIAS_FOOTPRINTS : RASTER_BIAS_FOOTPRINTS;
+    bool of_point = is_of_point(depth);
     float reach = MAX_NEARER_FOOTPRINTS * footprint;
-    return height <= bias_footprints * footprint + BIAS_ANGLE * min(abs(depth - z), reach) + depth_rounding(z);
+    float bias_footprints = of_point ? POINT_BIAS_FOOTPRINTS : RASTER_BIAS_FOOTPRINTS;
+    float tolerance = bias_footprints * footprint + BIAS_ANGLE * min(abs(depth - z), reach);
+    // What is nearer by more and above the plane is something else, or the receiver's surface that has risen into the light's way: folds
+    // within a texel are at hand. Planes of facets that points carry past the facets' edges may be anywhere.
+    bool is_far = depth < z - reach && !of_point;
+    return height <= (is_far ? COPLANAR_FOOTPRINTS * footprint : tolerance) + depth_rounding(z);
 }
 
 // Whether what a texel stores leaves a receiver at depth z in sight. height: of the stored point above the receiver's tangent plane.
@@ -129,15 +134,17 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs) {
     float contact = CONTACT_FOOTPRINTS * own.footprint;
     bool at_outline = false;
 #ifdef POINT_MAPS
-    // A texel is covered if a point lies anywhere in it, which enlarges outlines by half a texel all around. Asking all
-    // four texels around the place shrinks them by as much.
-    float depth_x = stored_depth(own.address + ivec2(toward.x, 0));
-    float depth_y = stored_depth(own.address + ivec2(0, toward.y));
-    float depth_xy = stored_depth(own.address + toward);
+    // A texel is covered if a point lies anywhere in it, which enlarges outlines by half a texel all around, less what the points lie
+    // within them. Asking all four texels around the place, but for those about whose middle it lies, shrinks them by as much.
+    ivec2 beyond = toward * ivec2(greaterThan(abs(own.offset), vec2(POINT_MARGIN_TEXELS)));
+    vec2 beyond_step = own.facing_step * vec2(beyond);
+    float depth_x = stored_depth(own.address + ivec2(beyond.x, 0));
+    float depth_y = stored_depth(own.address + ivec2(0, beyond.y));
+    float depth_xy = stored_depth(own.address + beyond);
     at_outline = is_of_point(own.depth) &&
-                 (leaves_in_sight(depth_x, height_of(own, depth_x, facing_step.x), p.z, own.footprint) ||
-                  leaves_in_sight(depth_y, height_of(own, depth_y, facing_step.y), p.z, own.footprint) ||
-                  leaves_in_sight(depth_xy, height_of(own, depth_xy, facing_step.x + facing_step.y), p.z, own.footprint));
+                 (leaves_in_sight(depth_x, height_of(own, depth_x, beyond_step.x), p.z, own.footprint) ||
+                  leaves_in_sight(depth_y, height_of(own, depth_y, beyond_step.y), p.z, own.footprint) ||
+                  leaves_in_sight(depth_xy, height_of(own, depth_xy, beyond_step.x + beyond_step.y), p.z, own.footprint));
 #endif
     if (is_below(own.depth, own.height, p.z, own.footprint)) {
         // Nearer by much and yet not above the plane: that is how a surface curves away from a receiver that the light grazes, as well as any

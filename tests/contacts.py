@@ -120,6 +120,13 @@ def wall_on_a_grazed_floor() -> ContactScene:
     return ContactScene(_made(meshes, light, (0.6, -2.6, 1.6), (-0.3, 0.0, 0.1), 0.4))
 
 
+def bumpy_sphere_at_its_terminator() -> ContactScene:
+    """Lit from the side: where light grazes its bumps they shadow each other, footprints apart and hardly above each other's planes."""
+    meshes = [bumpy_sphere("sphere", (0.0, 0.0, 1.0), 0.8, 14, bump_share=0.15, smooth=False)]
+    light = area_light(eye=(-3.0, -0.6, 1.6), target=(0.0, 0.0, 1.0), size_m=(0.4, 0.4))
+    return ContactScene(_made(meshes, light, (0.3, -3.2, 1.8), (0.0, 0.0, 1.0), 0.35))
+
+
 # shadow where nothing is in the way
 
 
@@ -217,6 +224,7 @@ SCENES: dict[str, Callable[[], ContactScene]] = {
     "sphere on a floor": sphere_on_a_floor,
     "leaning board": leaning_board,
     "wall on a grazed floor": wall_on_a_grazed_floor,
+    "bumpy sphere at its terminator": bumpy_sphere_at_its_terminator,
     "lit room": lit_room,
     "grazed quads": grazed_quads,
     "coarse waves, flat": lambda: coarse_waves(False),

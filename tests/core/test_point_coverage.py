@@ -109,6 +109,19 @@ def test_passes_agree(device, name):
     assert error <= 0.01
 
 
+def test_outlines_stay_where_they_are(device):
+    """Thin leaves are outlines everywhere: grown or shrunk by parts of a texel, they would darken or brighten the picture."""
+    meshes = [leaves("leaves", (0.0, 0.0, 1.4), 1.6, 600, 0.1), floor(4.0)]
+    light = area_light(eye=(0.5, -0.5, 6.0), target=(0.5, -0.5, 0.0))
+    scene = snapshot(meshes, [light], perspective_camera((0.5, -5.0, 3.5), (0.0, 0.0, 0.8), 120, 68), 120, 68)
+    truth, points = (
+        render_pass(scene, device, method=method, view_count=32, map_resolution_px=MAP_PX) for method in (Method.MVR, Method.IVIR)
+    )
+    assert (truth < 0.99).mean() > 0.15
+    # 0.0054 if points were taken to reach right to the outlines
+    assert abs((points - truth).mean()) <= 0.003
+
+
 def test_every_view_of_a_batch_is_served(device):
     """The last views as well as the first ones."""
     scene = made("room")

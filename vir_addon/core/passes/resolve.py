@@ -48,6 +48,8 @@ TOLERANCES: dict[str, int | float] = {
     "POINT_BIAS_FOOTPRINTS": 1 / 4,
     # ... and facets of about a texel: the same folds.
     "RASTER_BIAS_FOOTPRINTS": 1 / 8,
+    # How far within outlines points end on average: half of an outline's cells have their centre inside, up to half a cell away.
+    "POINT_MARGIN_TEXELS": 0.09,
 }
 """of a look-up. Where they come from: docs/passes.md; what each costs: the benchmark `tolerances`"""
 
