@@ -179,6 +179,8 @@ def test_exit_statuses(blend, folder):
             ("plan", blend, "--method", "vir", "--points", "bufferless"),
         ),
         (2, "required", ("render", blend)),
+        # before anything is rendered, which would be lost
+        (2, "it is a folder", ("render", blend, "--output", folder / "x", "--stats", folder)),
         (2, "two counts such as 32+64", ("plan", blend, "--method", "pcss", "--pcss-samples", "96")),
         (2, "views must be", ("plan", blend, "--views", "0")),
         (2, "choose the method ivir", ("plan", blend, "--method", "micro", "--points", "bufferless")),

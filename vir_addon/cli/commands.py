@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from ..core.errors import DeviceError
+from ..core.errors import DeviceError, UsageError
 from ..core.pass_set import PassSet
 from ..core.settings import Settings
 from . import report
@@ -107,6 +107,8 @@ def run_render(arguments: argparse.Namespace, console: Console) -> None:
                 # after the first plan, as a wrong light name should not wait for a device; before the first picture, which would be lost
                 for folder in [arguments.output, *([arguments.stats.parent] if arguments.stats else [])]:
                     check_writable(folder)
+                if arguments.stats and arguments.stats.is_dir():
+                    raise UsageError(f"cannot write {arguments.stats}: it is a folder. Name a file for the statistics.")
                 device = open_device(arguments.device)
                 planned_for, settings = settings, settings_for(device, settings)
                 if settings != planned_for:
