@@ -101,6 +101,7 @@ def show_reflections() -> Steps:
     material = bpy.data.materials.new("Mirror")
     shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
     shader.inputs["Metallic"].default_value, shader.inputs["Roughness"].default_value = 1.0, 0.05
+    shader.inputs["Base Color"].default_value = 0.9, 0.7, 0.4, 1.0  # what reflects is not what is seen of it
     ball.data.materials.append(material)
     for name, color in (("Cube", (0.8, 0.1, 0.05, 1.0)), ("Plane", (0.3, 0.5, 0.2, 1.0))):
         paint = bpy.data.materials.new(name)
