@@ -37,6 +37,8 @@ NO_MAP_REASON = "no map needed: nothing casts a shadow on what is in the picture
 
 MIN_EYE_SAMPLE_VIEWS = 4
 """so many at least are spread over the whole light"""
+MIN_CUT_OUT_MAPS = 8
+"""of a light: opacity is right within one over their number"""
 EYE_SAMPLES_MIB = 256
 """for what a batch's eye samples keep of the picture, where there are more of them to a batch because there are few views"""
 EYE_SAMPLE_BYTES = 48
@@ -144,6 +146,10 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
         batch_count = _least_batch_count(most_views, settings)
     elif most_views:
         batch_count = _batch_count(most_views, settings, pixel_count)
+    fewest_views = min((planned.view_count for planned in running), default=MIN_CUT_OUT_MAPS)
+    if fewest_views < MIN_CUT_OUT_MAPS and any(mesh.opacity_map is not None for mesh in snapshot.meshes):
+        # they show a view again in every batch, with other thresholds
+        batch_count = max(batch_count, MIN_CUT_OUT_MAPS)
     notes = list(snapshot.notes)
     rounds: ReflectionRounds | None = None
     if reflections is not None and reflections.runs:
