@@ -19,5 +19,6 @@ vir.blocker_sample_count = 32
 vir.filter_sample_count = 64
 vir.bounces = 0
 vir.reflection_method = "AUTO"
+vir.planar = True
 vir.points_per_eye_pixel = 0.5
 vir.reflection_look_up = "MARCH"

@@ -49,7 +49,7 @@ def test_every_setting_of_the_core_can_be_set(registered):
         "use_soft_shadows": False, "use_omni_shadows": False, "stochastic_culling": False, "culling_area_texels": 0.5, "resolve": "FULL",
         "cull_hidden": False, "watertight": False, "small_triangle_points": 5, "back_faces": True, "views_per_thread": 2,
         "blocker_sample_count": 7, "filter_sample_count": 9, "replay_buffer_mib": 100,
-        "use_reflections": True, "bounces": 3, "reflection_method": "EPR", "points_per_eye_pixel": 0.25,
+        "use_reflections": True, "bounces": 3, "reflection_method": "EPR", "planar": False, "points_per_eye_pixel": 0.25,
         "reflection_look_up": "DIRECTION", "per_reflector": True, "reflection_map_mib": 64,
     }  # fmt: skip
     for name, value in chosen.items():

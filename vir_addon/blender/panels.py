@@ -212,6 +212,7 @@ class _Reflectors:
         layout.prop(scene.vir, "reflection_method")
         if scene.vir.reflection_method in ("AUTO", "EPR"):
             layout.prop(scene.vir, "points_per_eye_pixel")
+        layout.prop(scene.vir, "planar")
         layout.prop(scene.vir, "reflection_look_up")
         layout.prop(scene.vir, "per_reflector")
         layout.prop(scene.vir, "reflection_map_mib")

@@ -18,7 +18,7 @@ SUBFOLDER = "vir"
 PRESET_PROPERTIES = (
     "view_count", "map_resolution_px", "method", "points", "point_generation", "resolve", "stochastic_culling", "culling_area_texels",
     "cull_hidden", "watertight", "small_triangle_points", "back_faces", "views_per_thread", "blocker_sample_count", "filter_sample_count",
-    "bounces", "reflection_method", "points_per_eye_pixel", "reflection_look_up",
+    "bounces", "reflection_method", "planar", "points_per_eye_pixel", "reflection_look_up",
 )  # fmt: skip
 """Of `properties.VIR_SceneSettings`. Not what depends on the scene or on the machine: switches of effects, the device, memory."""
 

@@ -278,6 +278,11 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
         items=_items(_REFLECTION_METHODS),
         default=_DEFAULTS.reflection_method.value.upper(),
     )
+    planar: bpy.props.BoolProperty(
+        name="Flat Mirrors Exactly",
+        description="One mirrored view for each flat reflector, exact and cheap. Off: cubes as all others have, to compare with",
+        default=_DEFAULTS.planar,
+    )
     points_per_eye_pixel: bpy.props.FloatProperty(
         name="Points per Pixel",
         description="Of eye-based points: fewer of them are larger splats",
@@ -490,6 +495,7 @@ def settings_of(scene: bpy.types.Scene) -> Settings:
         replay_buffer_mib=group.replay_buffer_mib,
         bounces=group.bounces or None,
         reflection_method=ReflectionMethod(group.reflection_method.lower()),
+        planar=group.planar,
         points_per_eye_pixel=group.points_per_eye_pixel,
         reflection_look_up=ReflectionLookUp(group.reflection_look_up.lower()),
         per_reflector=group.per_reflector,
