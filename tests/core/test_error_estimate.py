@@ -95,7 +95,7 @@ def test_estimate_falls_as_one_over_the_root_of_the_batches(device):
 def test_estimate_is_that_of_the_ratio_of_all_rounds(device):
     """The device never has all rounds at once: the deviations that it adds up on the way come to those from the ratio in the end."""
     scene = snapshot([floor(), *leaves()], [LIGHTS["ellipse"]], camera_from_above((0, 0), 4.0, WIDTH, HEIGHT), WIDTH, HEIGHT)
-    settings = {"method": Method.MVR, "view_count": 24, "batch_view_count": 3, "map_resolution_px": MAP_PX, "resolve": Resolve.FULL}
+    settings = {"method": Method.MVR, "view_count": 24, "map_resolution_px": MAP_PX, "resolve": Resolve.FULL}
     with prepared_renderer(scene, device, **settings) as renderer:
         assert renderer.plan.eye_samples_per_batch == 1
         (work,) = renderer.works

@@ -14,7 +14,6 @@ from tests.scenes import (
     point_light,
     prepared_renderer,
     rectangle,
-    render_pass,
     render_passes,
     snapshot,
     spot_light,
@@ -29,7 +28,6 @@ from vir_addon.core.scene import Mesh
 from vir_addon.core.settings import Hardware, Method, PointStorage, Settings
 
 WIDTH, HEIGHT = 48, 27
-EYE = ((0.0, -6.0, 3.0), (0.0, 0.0, 0.3))
 
 
 def scene_with(*lights, **arguments):
@@ -342,32 +340,6 @@ def test_more_views_never_bring_fewer_eye_samples():
     scene = snapshot([floor(4.0), box("box", (0, 0, 0.5), (0.5, 0.5, 0.5))], [area_light()], camera, WIDTH, HEIGHT)
     counts = [plan(scene, Settings(view_count=count)).eye_sample_count for count in (3, 9, 32, 57, 63, 64, 65, 72, 100, 128, 200)]
     assert counts == sorted(counts) and counts[0] == 8 and counts[4:] == [16] * 7
-
-
-@pytest.mark.parametrize(("size", "views", "batches"), [((WIDTH, HEIGHT), 8, 1), ((WIDTH, HEIGHT), 12, 2), ((1920, 1080), 8, 4)])
-def test_few_views_take_few_batches_where_there_is_memory(size, views, batches):
-    scene = snapshot([floor(4.0), box("box", (0, 0, 0.5), (0.5, 0.5, 0.5))], [area_light()], perspective_camera(*EYE, *size), *size)
-    made = plan(scene, Settings(view_count=views))
-    assert (made.batch_count, made.eye_sample_count) == (batches, 8)
-    assert made.batch_count * made.eye_samples_per_batch == 8
-
-
-def test_batches_of_few_views_make_the_same_picture(device):
-    camera = perspective_camera(*EYE, WIDTH, HEIGHT)
-    scene = snapshot([floor(4.0), bumpy_sphere("ball", (0, 0, 0.8), 0.7, 30)], [area_light()], camera, WIDTH, HEIGHT)
-    images = [
-        render_pass(scene, device, method=Method.MVR, view_count=12, map_resolution_px=128, batch_view_count=count) for count in (8, 2)
-    ]
-    assert images[0].std() > 0.1
-    np.testing.assert_allclose(*images, atol=1e-5)
-
-
-def test_cut_outs_have_thresholds_enough_where_other_lights_take_few_batches():
-    card = with_opacity(rectangle("card", (-1, -1, 1.5), (2, 0, 0), (0, 2, 0)), np.full((1, 1), 0.5), [(0, 0), (1, 0), (1, 1), (0, 1)])
-    camera = perspective_camera(*EYE, WIDTH, HEIGHT)
-    lights = [area_light("Soft"), point_light("Hard", radius_m=0.0)]
-    assert plan(snapshot([floor(4.0), card], lights, camera, WIDTH, HEIGHT), Settings(view_count=16)).batch_count == 8
-    assert plan(snapshot([floor(4.0)], lights, camera, WIDTH, HEIGHT), Settings(view_count=16)).batch_count < 8
 
 
 def test_what_a_suns_views_cost_does_not_depend_on_where_its_object_stands():

@@ -147,7 +147,7 @@ def test_closing_leaves_nothing(device, monkeypatch, stop, how):
     if "point_generation" in HOW[how] and not device.stores_from_geometry:
         pytest.skip("refused on this device: test_parity.py")
     taken = scene(light_count=2, lamps=HOW[how]["method"] is Method.EPR)
-    work = plan(taken, Settings(view_count=16, batch_view_count=2, map_resolution_px=64, **HOW[how]))
+    work = plan(taken, Settings(view_count=16, map_resolution_px=64, **HOW[how]))
     assert work.batch_count == STOPS["at the end"]
     with counted(device, monkeypatch) as holdings:
         steps = render(taken, work, device)

@@ -111,7 +111,7 @@ def test_a_light_that_has_not_changed_is_not_made_again(progressive):
 
 
 def test_pictures_come_batch_by_batch_and_get_better(progressive):
-    progressive.show(view(), Settings(**OPTIONS, batch_view_count=2))
+    progressive.show(view(), SETTINGS)
     pictures, views, errors = [], [], []
     while not progressive.is_done:
         if progressive.advance(0.0):

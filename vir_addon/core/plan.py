@@ -37,12 +37,6 @@ NO_MAP_REASON = "no map needed: nothing casts a shadow on what is in the picture
 
 MIN_EYE_SAMPLE_VIEWS = 4
 """so many at least are spread over the whole light"""
-MIN_CUT_OUT_MAPS = 8
-"""of a light: opacity is right within one over their number"""
-EYE_SAMPLES_MIB = 256
-"""for what a batch's eye samples keep of the picture, where there are more of them to a batch because there are few views"""
-EYE_SAMPLE_BYTES = 48
-"""a pixel: G-buffer and sums"""
 
 LATTICE_STEPS = 6
 """to a box, or as many as MAX_LATTICE_PLACES leaves it where there are many"""
@@ -93,8 +87,6 @@ class RenderPlan:
     """steps after which a valid picture exists; each renders its share of every light's views"""
     eye_samples_per_batch: int
     """Each has its share of a batch's views. Where a pixel shows surfaces of unlike irradiance, its ratio is as good as its eye samples."""
-    pixel_count: int
-    """of the picture"""
     eye_sample_count: int
     """eye G-buffers with sub-pixel offsets that batches take turns with"""
     notes: tuple[str, ...] = ()
@@ -139,17 +131,9 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     needs_rounds = reflections is not None and reflections.runs
     has_passes = any(planned.runs for planned in passes)
     most_views = max((planned.view_count for planned in running), default=0)
-    pixel_count = snapshot.width_px * snapshot.height_px
-    batch_count = 1
-    if most_views and needs_rounds and not has_passes:
-        # what reflectors show is looked up by as many eye samples as rays are asked for
-        batch_count = _least_batch_count(most_views, settings)
-    elif most_views:
-        batch_count = _batch_count(most_views, settings, pixel_count)
-    fewest_views = min((planned.view_count for planned in running), default=MIN_CUT_OUT_MAPS)
-    if fewest_views < MIN_CUT_OUT_MAPS and any(mesh.opacity_map is not None for mesh in snapshot.meshes):
-        # they show a view again in every batch, with other thresholds
-        batch_count = max(batch_count, MIN_CUT_OUT_MAPS)
+    # what reflectors show is looked up by as many eye samples as rays are asked for
+    count_batches = _batch_count if has_passes or not needs_rounds else _least_batch_count
+    batch_count = count_batches(most_views, settings.map_resolution_px, settings.batch_view_count) if most_views else 1
     notes = list(snapshot.notes)
     rounds: ReflectionRounds | None = None
     if reflections is not None and reflections.runs:
@@ -157,7 +141,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
         reflections, batch_count = replace(reflections, bounces=rounds.bounces), rounds.batch_count
         notes += [rounds.note] if rounds.note else []
         notes += [SHARED_MAPS_NOTE] if has_passes else []
-    eye_samples_per_batch = 1 if rounds is not None and not has_passes else _eye_samples_per_batch(most_views, batch_count, pixel_count)
+    eye_samples_per_batch = 1 if rounds is not None and not has_passes else _eye_samples_per_batch(most_views, batch_count)
     if rounds is not None:
         eye_samples_per_batch = max(eye_samples_per_batch, rounds.rounds_per_batch)
     most_eye_samples = max(MAX_EYE_SAMPLES, settings.reflection_sample_count * needs_rounds)
@@ -171,7 +155,6 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
         passes=passes,
         batch_count=batch_count,
         eye_samples_per_batch=eye_samples_per_batch,
-        pixel_count=pixel_count,
         eye_sample_count=eye_sample_count,
         notes=tuple(notes),
         predicted_ms=sum(predicted.values()) + eye_ms + reflections_ms,
@@ -232,41 +215,36 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
     resolution_px, limit_px = render_plan.settings.map_resolution_px, device.max_texture_size_px
     height_px = resolution_px * math.ceil(most_views / render_plan.batch_count)
     if height_px > limit_px:
-
-        def batch_height_px(px: int) -> int:
-            """Smaller maps come in larger batches."""
-            settings = replace(render_plan.settings, map_resolution_px=px)
-            return px * math.ceil(most_views / _batch_count(most_views, settings, render_plan.pixel_count))
-
-        fitting_px = next(px for px in range(resolution_px, 0, -1) if batch_height_px(px) <= limit_px)
+        # smaller maps come in larger batches
+        batch_view_count = render_plan.settings.batch_view_count
+        fitting_px = next(
+            px
+            for px in range(resolution_px, 0, -1)
+            if px * math.ceil(most_views / _batch_count(most_views, px, batch_view_count)) <= limit_px
+        )
         raise UsageError(
             f"a batch of maps of {resolution_px} px is {height_px} px high, and the device's largest texture {limit_px} px: "
             f"choose a map resolution of {fitting_px} or less"
         )
 
 
-def _eye_samples_per_batch(most_views: int, batch_count: int, pixel_count: int) -> int:
-    """Hard shadows have one view, which every eye sample sees. Where so few views leave each eye sample only some of a batch's anyway,
-    a batch has as many eye samples as there is memory for."""
+def _eye_samples_per_batch(most_views: int, batch_count: int) -> int:
+    """Hard shadows have one view, which every eye sample sees."""
     views = MAX_BATCH_VIEWS if most_views == 1 else math.ceil(most_views / batch_count)
-    spread = min(math.ceil(MAX_EYE_SAMPLES / batch_count), views // MIN_EYE_SAMPLE_VIEWS)
-    fitting = (EYE_SAMPLES_MIB << 20) // (EYE_SAMPLE_BYTES * pixel_count)
-    needed = min(MIN_EYE_SAMPLES // batch_count, most_views // batch_count, max(fitting, 2))
-    return max(spread, needed, 1)
+    return max(min(math.ceil(MAX_EYE_SAMPLES / batch_count), views // MIN_EYE_SAMPLE_VIEWS), 1)
 
 
-def _least_batch_count(most_views: int, settings: Settings) -> int:
+def _least_batch_count(most_views: int, map_resolution_px: int, batch_view_count: int) -> int:
     """Eight maps of 1024^2 and 2048^2 a batch; larger maps in smaller batches, so that a batch stays below 128 MiB of depth."""
-    per_batch = max(1, min(MAX_BATCH_VIEWS, settings.batch_view_count, MAX_BATCH_VIEWS * 2048**2 // settings.map_resolution_px**2))
+    per_batch = max(1, min(MAX_BATCH_VIEWS, batch_view_count, MAX_BATCH_VIEWS * 2048**2 // map_resolution_px**2))
     return math.ceil(most_views / per_batch)
 
 
-def _batch_count(most_views: int, settings: Settings, pixel_count: int) -> int:
+def _batch_count(most_views: int, map_resolution_px: int, batch_view_count: int) -> int:
     """Where so few batches have too few eye samples, more and smaller ones."""
-    count = MIN_EYE_SAMPLES if most_views == 1 else _least_batch_count(most_views, settings)
-    while count * _eye_samples_per_batch(most_views, count, pixel_count) < MIN_EYE_SAMPLES:
-        count += 1
-    return count
+    batch_count = _least_batch_count(most_views, map_resolution_px, batch_view_count)
+    has_enough = batch_count * _eye_samples_per_batch(most_views, batch_count) >= MIN_EYE_SAMPLES
+    return batch_count if has_enough else MIN_EYE_SAMPLES
 
 
 def _chosen_lights(snapshot: SceneSnapshot, settings: Settings) -> list[Light]:
@@ -321,15 +299,14 @@ def _plan_light(
             predicted_ms=cost.resolve_ms(snapshot, settings, sample_count),
         )
     faces, face_count = _likely_faces(snapshot, light, bounds, places_ws, settings.map_resolution_px)
-    pixel_count = snapshot.width_px * snapshot.height_px
-    batch_count = _batch_count(view_count, settings, pixel_count)
+    batch_count = _batch_count(view_count, settings.map_resolution_px, settings.batch_view_count)
     # where there are fewer views than batches each batch shows one again
     map_count = 1 if is_filtered else max(view_count, batch_count)
     estimates = cost.estimate_methods(snapshot, light, map_count, settings, bounds, faces, batch_count)
     if is_filtered:
         look_ups_ms = cost.filter_ms(snapshot, settings, MAX_EYE_SAMPLES)
     else:
-        look_up_count = max(view_count, batch_count * _eye_samples_per_batch(view_count, batch_count, pixel_count))
+        look_up_count = max(view_count, batch_count * _eye_samples_per_batch(view_count, batch_count))
         look_ups_ms = face_count * cost.resolve_ms(snapshot, settings, look_up_count)
     has_cut_outs = any(snapshot.meshes[index].opacity_map is not None for index in _caster_meshes(snapshot, light))
     if settings.method is Method.AUTO:
