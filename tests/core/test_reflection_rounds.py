@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.scenes import area_light, box, floor, matte, mirror, perspective_camera, prepared_renderer, rectangle, snapshot
+from tests.scenes import area_light, box, floor, matte, mirror, perspective_camera, prepared_renderer, rectangle, render_passes, snapshot
 from vir_addon.core import render
 from vir_addon.core.light_work import LightWork
 from vir_addon.core.material import World
@@ -48,6 +48,25 @@ def test_without_shadow_passes_there_are_as_many_rays_as_asked_for(view_count, s
     ray_count = found.batch_count * found.eye_samples_per_batch
     assert sample_count <= ray_count < sample_count + found.eye_samples_per_batch
     assert found.eye_sample_count >= sample_count
+
+
+@pytest.mark.parametrize(("key_views", "fill_views"), [(16, 6), (24, 1)])
+def test_more_rays_do_not_change_what_lights_count_in_the_combined_pass(device, key_views, fill_views):
+    """Where a batch has more eye samples than a light has views, each of them looks at all of these."""
+    lights = [
+        area_light(name="Key", eye=(-1.0, -1.0, 3.0), target=(0, 0, 0)),
+        area_light(name="Fill", eye=(1.5, -1.0, 2.5), target=(0, 0, 0), size_m=(0.2, 0.2), own_view_count=fill_views),
+    ]
+    camera = perspective_camera((0.0, -3.0, 2.5), (0.3, 0.6, 0.3), 64, 36, 0.6)
+    scene = dataclasses.replace(mirrored_scene(), lights=lights, camera=camera)
+    shares = []
+    for effects in ((Effect.SHADOW,), BOTH):
+        passes = render_passes(scene, device, effects=effects, view_count=key_views, reflection_sample_count=32)
+        key, fill, combined = (passes[name] for name in ("VIR Shadow Key", "VIR Shadow Fill", "VIR Shadow"))
+        differ = np.abs(fill - key) > 0.3
+        assert differ.sum() > 20
+        shares.append((combined - key)[differ] / (fill - key)[differ])
+    np.testing.assert_allclose(np.median(shares[0]), np.median(shares[1]), rtol=0.03)
 
 
 @pytest.mark.parametrize("effects", [(Effect.REFLECTION,), BOTH])

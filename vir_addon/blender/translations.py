@@ -162,7 +162,9 @@ _GERMAN = {
     "How often light is followed from reflector to reflector. 0: as often as the scene calls for, at most twice": (
         "Wie oft Licht von Spiegel zu Spiegel verfolgt wird. 0: so oft, wie die Szene es verlangt, höchstens zweimal"
     ),
-    "One mirrored view for each flat reflector, exact and cheap. Off: cubes as all others have, to compare with": "Eine gespiegelte Ansicht je ebenem Spiegel, genau und günstig. Aus: Würfel wie bei allen anderen, zum Vergleichen",
+    "One mirrored view for each flat reflector, exact and cheap. Off: cubes as all others have, to compare with": (
+        "Eine gespiegelte Ansicht je ebenem Spiegel, genau und günstig. Aus: Würfel wie bei allen anderen, zum Vergleichen"
+    ),
     "How reflectors' maps are looked up": "Wie in den Karten der Spiegel nachgeschlagen wird",
     "Rays are followed through the depths of a reflector's map: things are where they belong": (
         "Strahlen werden durch die Tiefen der Karte eines Spiegels verfolgt: Dinge sind, wo sie hingehören"

@@ -231,6 +231,13 @@ class LightWork(Shared):
         return range(batch * views // batches, (batch + 1) * views // batches)
 
     @property
+    def look_up_count(self) -> int:
+        """How often a pixel asks all of this light's batches whether it sees the light, in all of its eye samples."""
+        eye_samples = self.plan.eye_samples_per_batch
+        shares = (len(self.batch_views(batch)) for batch in range(self.plan.batch_count))
+        return sum(views if views >= eye_samples else views * eye_samples for views in shares)
+
+    @property
     def largest_batch(self) -> int:
         """views; batches may differ by one, and share their maps"""
         return -(-self.planned.view_count // self.plan.batch_count)

@@ -40,7 +40,7 @@ from .plan import PlannedPass, RenderPlan, check_device, instances_in_picture
 from .reflection_work import ReflectionWork
 from .reflectors import SMALLER, PlannedReflections, choose_reflectors, memory_for_maps, reflecting_instances
 from .sampling import pixel_offsets
-from .scene import Light, SceneSnapshot, has_same_meshes, has_same_picture, has_same_surfaces, is_same_light
+from .scene import SceneSnapshot, has_same_meshes, has_same_picture, has_same_surfaces, is_same_light
 from .seen_places import SeenPlaces
 from .steps import HostWork, Steps, run_steps
 from .stopwatch import OnStage, Stopwatch
@@ -144,8 +144,6 @@ class Renderer:
         self.reflects = plan.reflections is not None and plan.reflections.runs
         self.views_total = self._count_views()
         self.offsets_px = pixel_offsets(snapshot.pixel_filter, plan.eye_sample_count)
-        self.rounds_total = plan.batch_count * plan.eye_samples_per_batch
-        """times that every light looks the picture up"""
         self.surface_share_sum = np.zeros((snapshot.height_px, snapshot.width_px), np.float32)
         self.batches_done = 0
         self.works: list[LightWork] = []
@@ -398,7 +396,10 @@ class Renderer:
         return True
 
     def _combined_weight(self, work: LightWork) -> float:
-        return combined_weight(work.light, work.planned.view_count, self.rounds_total, work.reference_m)
+        """What a light's running sums count in the combined pass: its strength per look-up, of which lights with more views have more,
+        without the light's own unit of distance. A light of negative strength counts as much as a positive one, so that the pass stays
+        between 0 and 1."""
+        return abs(work.light.strength) / work.look_up_count / work.reference_m**2
 
     def read_passes(self) -> dict[str, np.ndarray]:
         return self.device.run(self._read_passes)
@@ -436,10 +437,3 @@ class Renderer:
         # an interrupted caller may have left the device's thread at work
         self.stopwatch.stop()
         self.device.run(self._owned.close)
-
-
-def combined_weight(light: Light, view_count: int, round_count: int, reference_m: float) -> float:
-    """What a light's running sums count in the combined pass: its strength per look-up, as a batch adds as many samples as it
-    has views, without the light's own unit of distance. A light of negative strength counts as much as a positive one, so that the
-    pass stays between 0 and 1."""
-    return abs(light.strength) / max(view_count / round_count, 1.0) / reference_m**2
