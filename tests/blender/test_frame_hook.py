@@ -125,6 +125,33 @@ def test_images_are_read_once_in_an_animation(animated, tmp_path, monkeypatch):
     assert len(read) == 3 and not frame_hook._frame.images._read
 
 
+def test_images_whose_file_changes_with_the_frame(animated, tmp_path):
+    """By a handler, as flipbooks are made."""
+    leaves = [saved_image(tmp_path, f"leaf {k}", np.full((4, 4, 4), alpha, np.float32)) for k, alpha in enumerate((1.0, 0.0, 1.0))]
+    paths = [leaf.filepath for leaf in leaves]
+    image = leaves[0]
+    nodes = Nodes("leaf")
+    nodes.link(nodes.texture(image).outputs["Alpha"], nodes.principled().inputs["Alpha"])
+    cube = bpy.data.objects["Cube"].data
+    with_uvs(cube, uvs=np.zeros((24, 2)))
+    cube.materials.append(nodes.material)
+    compose(animated)
+
+    def swap(scene, *_):
+        image.filepath = paths[scene.frame_current - 1]
+
+    animated.vir.use_on_render = True
+    bpy.app.handlers.frame_change_pre.append(swap)
+    bpy.ops.render.render(animation=True)
+    frames = [rendered(tmp_path, frame) for frame in (1, 2, 3)]
+    animated.vir.use_on_render = False
+    expected = [by_button(animated, frame) for frame in (1, 2, 3)]
+    bpy.app.handlers.frame_change_pre.remove(swap)
+    assert expected[1].min() > 0.9 > expected[0].min()
+    for pixels, by_itself in zip(frames, expected, strict=True):
+        np.testing.assert_array_equal(pixels, by_itself)
+
+
 def test_markers_that_change_the_camera(animated, tmp_path):
     """In the middle of an animation, and of a single render; the panel's button follows them too."""
     compose(animated)

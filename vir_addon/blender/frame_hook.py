@@ -57,7 +57,6 @@ def begin_frame(*_: Any) -> None:
     """Blender's handler, before a frame is rendered. What evaluates scenes like a render, exports and baking, does not call it."""
     _frame.is_rendered = True
     _frame.served.clear()
-    _frame.images.forget_changed()
 
 
 @bpy.app.handlers.persistent
@@ -95,6 +94,7 @@ def render_layer(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None
     evaluated = depsgraph.scene_eval  # the scene itself does not follow the settings' animation while Blender renders
     device_name = devices.device_name(evaluated.vir.device)
     settings = settings_for(devices.get_device(device_name), settings_of(evaluated))
+    _frame.images.forget_changed()  # only now: handlers of frame changes may swap files, reload and paint
     taken = snapshot(depsgraph, with_materials=Effect.REFLECTION in settings.effects, images=_frame.images)
     made = LayerJob(taken, plan(taken, settings))
     step = partial(devices.on_main_thread, SteppedRender.step) if devices.is_bound_to_main_thread(device_name) else SteppedRender.step

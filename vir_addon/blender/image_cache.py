@@ -48,8 +48,8 @@ class ImageCache:
         self, image: bpy.types.Image, asked: tuple[Hashable, ...], make: Callable[[ImagePixels], Result], *, is_color: bool
     ) -> Result:
         known = self._read.setdefault(image.session_uid, {})
-        # nothing tells of another alpha mode
-        key = (*asked, image.name, image.alpha_mode, image.colorspace_settings.name)
+        # nothing tells of another alpha mode, nor of another file that has been loaded meanwhile
+        key = (*asked, image.name, image.filepath, image.alpha_mode, image.colorspace_settings.name)
         if key not in known:
             if self._begin_reading is not None:
                 self._begin_reading()
