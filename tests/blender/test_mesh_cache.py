@@ -241,6 +241,11 @@ def paint(pictures):
     pictures["shader"].inputs["Roughness"].default_value = 0.9
 
 
+def paint_sky(pictures):
+    pictures["sky"].pixels.foreach_set(np.full(256, 0.25, np.float32))
+    pictures["shader"].inputs["Roughness"].default_value = 0.9
+
+
 def set_of(name, attribute, value):
     return lambda pictures: setattr(pictures[name], attribute, value)
 
@@ -257,9 +262,10 @@ def set_input(node, identifier, value):
         (lambda pictures: setattr(pictures["leaf object"].location, "x", 1.0), 0, False),
         (write_and_reload, 2, True),
         (paint, 2, True),
+        (paint_sky, 1, True),
         (lambda pictures: setattr(pictures["sky"].colorspace_settings, "name", "Non-Color"), 1, True),
     ],
-    ids=["roughness", "strength", "location", "reload", "paint", "colour space"],
+    ids=["roughness", "strength", "location", "reload", "paint", "paint the sky", "colour space"],
 )
 def test_images_are_read_again_when_they_have_changed(watched, pictures, change, read_again, is_seen):
     before = watched.take(with_materials=True)

@@ -72,11 +72,14 @@ class ImageCache:
         """session_uid of an image"""
         self._read.pop(uid, None)
 
-    def forget_changed(self) -> None:
+    def forget_changed(self) -> bool:
         """All that may have changed without an update that names them: those that were painted and those that were reloaded, whose pixels
-        Blender has freed."""
+        Blender has freed. Whether there were any."""
         kept = {image.session_uid for image in bpy.data.images if image.has_data and not image.is_dirty}
-        self._read = {uid: known for uid, known in self._read.items() if uid in kept}
+        forgotten = self._read.keys() - kept
+        for uid in forgotten:
+            del self._read[uid]
+        return bool(forgotten)
 
 
 def _make_known(known: dict[Hashable, Any], key: Hashable, make: Callable[[ImagePixels], Any], taken: ImagePixels) -> None:

@@ -87,9 +87,8 @@ class MeshCache:
                 continue  # its owner is named too, which may be a light
             if isinstance(original, _SURFACE_TYPES):
                 self._materials = None
-                if not isinstance(original, bpy.types.Material):
+                if self.images.forget_changed() or not isinstance(original, bpy.types.Material):
                     self._world = None
-                self.images.forget_changed()
                 if isinstance(original, bpy.types.Image):
                     self.images.forget(original.session_uid)
             elif update.is_updated_geometry or not isinstance(original, bpy.types.Object):
