@@ -84,10 +84,12 @@ void main() {
             }
         }
 #ifdef ORTHOGRAPHIC
-        float reach = point_reach;
+        float per_m = 1.0;
 #else
-        float reach = point_reach * weights / max(distances, 1.0e-30);
+        float per_m = weights / max(distances, 1.0e-30);
 #endif
+        // points would show lobes that are narrower than the lamp as wide as the least width
+        float reach = max(point_reach * per_m, min(lamp_extent * per_m, LEAST_LIT_WIDTH));
         if (weights > 0.0) {
             sent += gloss.width < reach ? seen_lamp(gloss, position.xyz, normal_fs, to_eye, p_fs, weights / float(point_count)) : sum / weights;
         }

@@ -1,5 +1,5 @@
 // The shape of a light as rays meet it, in world space. Rows of the table `lamp`: its centre and kind; its axes with its half sizes, of
-// spheres radii and of suns those at a metre; where it shines, and its area as seen from there.
+// spheres radii and of suns chords from middle to rim at a metre; where it shines, and its area as seen from there.
 const int LAMP_RECTANGLE = 0;
 const int LAMP_ELLIPSE = 1;
 const int LAMP_SPHERE = 2;
@@ -8,6 +8,7 @@ const int LAMP_SUN = 3;
 #define lamp_kind (int(lamp[0].w))
 #define lamp_radius (lamp[1].w)
 #define lamp_area (lamp[3].w)
+#define lamp_extent sqrt(lamp_area / 3.14159265)  // radius of a disc of that area
 
 // From a place in a unit direction.
 bool meets_lamp(vec3 p_ws, vec3 direction_ws) {

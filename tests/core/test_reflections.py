@@ -20,6 +20,7 @@ from tests.scenes import (
     rectangle,
     render_passes,
     snapshot,
+    sun_light,
 )
 from vir_addon.core.material import World
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
@@ -243,6 +244,49 @@ def test_a_mirror_in_a_mirror_shows_the_lamp(device, shape):
     away = np.maximum(np.abs(x), np.abs(z)) if shape is LightShape.RECTANGLE else np.hypot(x, z)
     assert image[away < 0.47] == pytest.approx(5.0, rel=0.02 if shape.is_area else 0.05)
     assert not image[away > 0.53].any()
+
+
+@pytest.mark.parametrize("angle", [10.0, 90.0])
+def test_mirrors_show_suns_as_wide_as_they_are(device, angle):
+    """Through two mirrors; their radiance is the irradiance that they bring over their solid angle."""
+    front = rectangle("front", (-30, 2, -30), (60, 0, 0), (0, 0, 60))
+    back = rectangle("back", (-30, -2, -30), (0, 0, 60), (60, 0, 0))
+    sun = sun_light(eye=(0, 5, 0), target=(0, 0, 0), angle_rad=np.radians(angle), strength=3.0, casts_shadow=False)
+    half = np.radians(angle / 2)
+    camera = perspective_camera((0.0, -1.0, 0.0), (0.0, 2.0, 0.0), WIDTH, HEIGHT, 2 * np.tan(half))
+    scene = snapshot([front, back], [sun], camera, WIDTH, HEIGHT, materials=[mirror(), mirror()], world=World())
+    settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "reflection_sample_count": 4, "view_count": 64}
+    image = render_passes(scene, device, **settings)[REFLECTION_PASS_NAME][..., 0]
+    _, directions = camera_rays(camera, WIDTH, HEIGHT)
+    away = np.arccos(directions[..., 1] / np.linalg.norm(directions, axis=-1)) / half
+    assert (away < 0.94).sum() > 200 and (away > 1.06).sum() > 200
+    np.testing.assert_allclose(image[away < 0.94], 3.0 / (2 * np.pi * (1 - np.cos(half))), rtol=0.01)
+    assert not image[away > 1.06].any()
+
+
+@pytest.mark.parametrize("view_count", [64, pytest.param(256, marks=pytest.mark.slow)])
+def test_nearly_mirrors_show_lamps_as_wide_as_their_lobes(device, view_count):
+    """However near to each other the lamp's points are. In its middle: the share of a GGX lobe whose facets' slopes reflect into it."""
+    front = rectangle("front", (-3, 2, -3), (6, 0, 0), (0, 0, 6))
+    back = rectangle("back", (-3, -2, -3), (0, 0, 6), (6, 0, 0))
+    radius_m, roughness = 0.06, 0.08
+    lamp = area_light(
+        eye=(0.45, 0.0, 0.1),
+        target=(0.45, -5.0, 0.1),
+        size_m=(2 * radius_m, 2 * radius_m),
+        shape=LightShape.ELLIPSE,
+        strength=5.0 * np.pi * radius_m**2,
+    )
+    camera = perspective_camera((0.0, -1.0, 0.0), (0.45 * 3 / 9, 2.0, 0.1 * 3 / 9), WIDTH, HEIGHT, 0.03)
+    materials = [mirror(), mirror(roughness=roughness)]
+    scene = snapshot([front, back], [lamp], camera, WIDTH, HEIGHT, materials=materials, world=World())
+    settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "reflection_sample_count": 8, "view_count": view_count}
+    image = render_passes(scene, device, **settings)[REFLECTION_PASS_NAME][..., 0]
+    _, directions = camera_rays(camera, WIDTH, HEIGHT)
+    seen = 9.0 * directions / np.abs(directions[..., 1:2])
+    middle = np.hypot(seen[..., 0] - 0.45, seen[..., 2] - 0.1) < 0.15 * radius_m
+    slope = radius_m / 2.0 / 2
+    assert image[middle].mean() == pytest.approx(5.0 * slope**2 / (slope**2 + roughness**4), rel=0.06)
 
 
 def test_a_reflector_that_is_not_convex_shows_itself(device):

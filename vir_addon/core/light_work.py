@@ -302,7 +302,7 @@ class LightWork(Shared):
                 light_points=points,
                 point_count=len(points),
                 lamp=_lamp_table(self.light),
-                point_reach=light_radius_m(self.light) / math.sqrt(self.planned.view_count),
+                point_reach=_lamp_radius_m(self.light) / math.sqrt(self.planned.view_count),
             )
 
     def _light_points(self, look_up: dict[str, Any]) -> np.ndarray:
@@ -421,12 +421,18 @@ class LightWork(Shared):
         self._owned.close()
 
 
+def _lamp_radius_m(light: Light) -> float:
+    """Suns: the chord from their middle to their rim on the unit sphere, where a disc of that radius has as much area as they have solid
+    angle"""
+    return 2 * math.sin(math.atan(light.size_x_m / 2) / 2) if light.shape is LightShape.SUN else light_radius_m(light)
+
+
 def _lamp_table(light: Light) -> np.ndarray:
     """(4, 4) rows of `lamp` in LIGHT_HITS"""
     kind = {LightShape.RECTANGLE: 0, LightShape.ELLIPSE: 1, LightShape.SUN: 3}.get(light.shape, 2)
     half_x_m, half_y_m = light.size_x_m / 2, light.size_y_m / 2
     if not light.shape.is_area:
-        half_y_m = half_x_m
+        half_x_m = half_y_m = _lamp_radius_m(light)
     area = 4 * half_x_m * half_y_m if light.shape is LightShape.RECTANGLE else math.pi * half_x_m * half_y_m
     x, y, z, center = light.world_from_light[:3].T
     return np.array([[*center, kind], [*x, half_x_m], [*y, half_y_m], [*-z, area]])
