@@ -21,17 +21,26 @@ const float LEAST_FACING = 0.1;
 // points
 vec3 seen_lamp(Gloss gloss, vec3 p_ws, vec3 normal_fs, vec3 to_eye, vec3 p_fs, float arriving) {
     float masked = 1.0;
-    vec3 facet = normal_fs;
+    vec3 seen_fs = seen_normal(normal_fs, to_eye);
+    vec3 facet = seen_fs;
     if (gloss.width > MIRROR_WIDTH) {
         uint random = hash_position(p_ws);
         vec2 place = vec2(unit_float(random), unit_float(pcg_hash(random)));
-        facet = facet_of(normal_fs, to_eye, gloss.width, place, masked);
+        facet = facet_of(seen_fs, to_eye, gloss.width, place, masked);
     }
     vec3 direction = reflect(-to_eye, facet);
-    if (dot(direction, normal_fs) <= 0.0 || !meets_lamp(p_ws, mat3(face[0].xyz, face[1].xyz, face[2].xyz) * direction)) {
+    if (dot(direction, normal_fs) <= 0.0) {
         return vec3(0.0);
     }
     vec3 reflected = masked * gloss_fresnel(gloss, clamp(dot(to_eye, facet), 0.0, 1.0));
+#ifdef OMNI
+    if (place.inside && !soft_falloff) {
+        return reflected / 3.14159265;  // the ball shines from all sides
+    }
+#endif
+    if (!meets_lamp(p_ws, mat3(face[0].xyz, face[1].xyz, face[2].xyz) * direction)) {
+        return vec3(0.0);
+    }
 #ifdef OMNI
     // a sphere's points may all look away in a round; a spot fades in what it brings, and so does what is seen of it
     float facing = max(-dot(p_fs, normal_fs) * inversesqrt(dot(p_fs, p_fs)), LEAST_FACING);

@@ -49,10 +49,7 @@ void main() {
         float side = dot(scaled_geometric_normal(instance, triangle), normal.xyz) < 0.0 ? -1.0 : 1.0;
         vec3 shading = side * shading_normal(instance, triangle, triangle_index, weights, side * normal.xyz);
         Surface surface = surface_at(instance_index, instance, triangle, triangle_index, weights, normal.xyz, shading);
-        vec3 n = surface.normal_ws;
-        // a shading normal that looks away from the eye shows what one at right angles to the direction of sight would
-        float facing = -dot(n, incoming);
-        n = facing > 1.0e-4 ? n : normalize(n + (1.0e-4 - facing) * -incoming);
+        vec3 n = seen_normal(surface.normal_ws, -incoming);
         surface.normal_ws = n;
         float cosine = max(-dot(n, incoming), LEAST_COSINE);
         float roughness = reflection_roughness(surface, cosine);

@@ -4,6 +4,12 @@
 const float MIRROR_WIDTH = 1.0e-4;    // narrower lobes are mirrors: float32 could not tell their directions apart
 const float TWO_PI = 6.28318531;
 
+// A shading normal that looks away from the eye shows what one at right angles to the direction of sight would.
+vec3 seen_normal(vec3 normal, vec3 to_eye) {
+    float facing = dot(normal, to_eye);
+    return facing > 1.0e-4 ? normal : normalize(normal + (1.0e-4 - facing) * to_eye);
+}
+
 // The normal of a facet that `view` sees; both in the surface's own space, z along its normal. place: in the unit square
 vec3 visible_facet(vec3 view, float width, vec2 place) {
     vec3 stretched = normalize(vec3(width * view.xy, view.z));

@@ -289,6 +289,19 @@ def test_nearly_mirrors_show_lamps_as_wide_as_their_lobes(device, view_count):
     assert image[middle].mean() == pytest.approx(5.0 * slope**2 / (slope**2 + roughness**4), rel=0.06)
 
 
+def test_a_mirror_within_a_lamp_shows_it_all_around(device):
+    """A ball of light around two mirrors: whichever way they look, irradiance over pi."""
+    front = rectangle("front", (-3, 2, -3), (6, 0, 0), (0, 0, 6))
+    back = rectangle("back", (-3, -2, -3), (0, 0, 6), (6, 0, 0))
+    radius_m, radiance = 12.0, 5.0
+    lamp = point_light(eye=(0.0, -4.0, 0.0), radius_m=radius_m, strength=radiance * np.pi * radius_m**2, casts_shadow=False)
+    camera = perspective_camera((0.0, -1.0, 0.0), (0.0, 2.0, 0.0), WIDTH, HEIGHT, 0.1)
+    scene = snapshot([front, back], [lamp], camera, WIDTH, HEIGHT, materials=[mirror(), mirror()], world=World())
+    settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "reflection_sample_count": 4, "view_count": 32}
+    image = render_passes(scene, device, **settings)[REFLECTION_PASS_NAME]
+    np.testing.assert_allclose(image, radiance, rtol=0.1)
+
+
 def test_a_reflector_that_is_not_convex_shows_itself(device):
     """Floor and wall of one mirror: what its own other part keeps from the world is black after one bounce, and its image after two."""
     positions = np.array([(-1, 0, 0), (1, 0, 0), (1, 2, 0), (-1, 2, 0), (1, 2, 2), (-1, 2, 2)], np.float32)
