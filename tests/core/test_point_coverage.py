@@ -149,7 +149,7 @@ def test_dropping_hidden_points_changes_little(device, name):
     assert rmse(kept, all_points) <= 0.005
 
 
-@pytest.mark.parametrize("method", [Method.MVR, Method.IVIR])
+@pytest.mark.parametrize("method", [Method.MVR, Method.IVIR, Method.MICRO])
 def test_order_of_objects_and_triangles_does_not_matter(device, method):
     """With triangles so small that stochastic culling decides by their hashes."""
     meshes, light = leaves_scene()
