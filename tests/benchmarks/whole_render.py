@@ -58,7 +58,7 @@ def render_cycles_once(scene: bpy.types.Scene, samples: int) -> dict[str, Any]:
 
 
 def run(options: Options) -> list[BenchTable]:
-    round_count = options.round_count(full=3, quick=1)
+    round_count = options.round_count(quick=1)
     sample_count, resolution = options.pick(64, 8), options.pick((960, 540), (240, 135))
     scene = build_head_scene(options.pick(MILLION_TRIANGLES_LEVEL, 3))
     cycles.prepare(scene, resolution)
@@ -88,7 +88,7 @@ def run(options: Options) -> list[BenchTable]:
                 "speedup_by_round": round_ratios(cycles_ms, total_ms),
             }
         )
-    stages = (EVALUATE, *STAGES, "other")
+    stages = [stage for stage in (EVALUATE, *STAGES, "other") if any(stage in row for row in rows)]
     triangles = first[Method.AUTO.value]["triangles"]
     return [
         BenchTable(
