@@ -49,8 +49,8 @@ def sphere_truth(camera):
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "count", "choices"), [(ReflectionMethod.MVR, 50, {}), (ReflectionMethod.EPR, 200, SPARSE)])
 def test_reflections_flicker_hardly_more_than_rays_of_each_frame_do(device, method, count, choices):
-    """A degree in twenty steps around a mirror sphere in a coloured box of fine triangles: from frame to frame one pixel in a thousand
-    may change where the true picture does not, one in two hundred where the map's size does."""
+    """A degree in twenty steps around a mirror sphere in a coloured box of fine triangles: edges move over as many pixels as they should,
+    and over each of them once. One pixel in two thousand a frame may change back; one in two hundred may change where the map's size does."""
     walls, materials = colored_box(HALF_M)
     walls = [finely_divided(wall, count) for wall in walls]
     ball = bumpy_sphere("ball", (0, 0, 0), RADIUS_M, 96, bump_share=0.0)
@@ -69,12 +69,15 @@ def test_reflections_flicker_hardly_more_than_rays_of_each_frame_do(device, meth
         own.append(np.where(judged[..., None], passes[REFLECTION_PASS_NAME], np.nan))
         true.append(np.where(judged[..., None], colors, np.nan))
     assert set(sizes) == {96, 128}
-    changes = [np.abs(np.diff(np.array(frames), axis=0)) for frames in (own, true)]
-    in_both = np.isfinite(changes[0][..., 0]) & np.isfinite(changes[1][..., 0])
-    changed, should = (np.nan_to_num(each).max(axis=-1) > 0.1 for each in changes)
-    assert (should & in_both).sum() > 20
-    shares = ((changed & in_both).sum(axis=(1, 2)) - (should & in_both).sum(axis=(1, 2))) / in_both.sum(axis=(1, 2))
+    in_all = np.isfinite([own, true]).all(axis=(0, 1, 4))
+    assert in_all.mean() > 0.1
+    changed, should = (np.abs(np.diff(np.array(frames)[:, in_all], axis=0)).max(axis=-1) > 0.1 for frames in (own, true))
+    moved, should_move = (np.abs(frames[-1] - frames[0])[in_all].max(axis=-1) > 0.1 for frames in (own, true))
+    # not frame by frame: an edge that lies a tenth of a pixel aside passes a pixel some frames sooner or later
+    assert should_move.sum() > 10
+    assert 0.5 * should_move.sum() < moved.sum() < 2 * should_move.sum()
+    again = np.maximum(changed.sum(axis=0) - moved, 0)
     is_resized = np.diff(sizes) != 0
     assert is_resized.sum() == 1
-    assert shares[~is_resized].mean() < 0.001
-    assert shares[is_resized].max() < 0.005
+    assert again.sum() / changed.size < 0.0005
+    assert changed[is_resized].mean() < 0.005
