@@ -50,7 +50,7 @@ def sphere_truth(camera):
 @pytest.mark.parametrize(("method", "count", "choices"), [(ReflectionMethod.MVR, 50, {}), (ReflectionMethod.EPR, 200, SPARSE)])
 def test_reflections_flicker_hardly_more_than_rays_of_each_frame_do(device, method, count, choices):
     """A degree in twenty steps around a mirror sphere in a coloured box of fine triangles: edges move over as many pixels as they should,
-    and over each of them once. One pixel in two thousand a frame may change back; one in two hundred may change where the map's size does."""
+    and over each of them once. One pixel in two thousand a frame may change back, one in two hundred where the map's size does."""
     walls, materials = colored_box(HALF_M)
     walls = [finely_divided(wall, count) for wall in walls]
     ball = bumpy_sphere("ball", (0, 0, 0), RADIUS_M, 96, bump_share=0.0)
@@ -71,7 +71,7 @@ def test_reflections_flicker_hardly_more_than_rays_of_each_frame_do(device, meth
     assert set(sizes) == {96, 128}
     in_all = np.isfinite([own, true]).all(axis=(0, 1, 4))
     assert in_all.mean() > 0.1
-    changed, should = (np.abs(np.diff(np.array(frames)[:, in_all], axis=0)).max(axis=-1) > 0.1 for frames in (own, true))
+    changed = np.abs(np.diff(np.array(own)[:, in_all], axis=0)).max(axis=-1) > 0.1
     moved, should_move = (np.abs(frames[-1] - frames[0])[in_all].max(axis=-1) > 0.1 for frames in (own, true))
     # not frame by frame: an edge that lies a tenth of a pixel aside passes a pixel some frames sooner or later
     assert should_move.sum() > 10
