@@ -69,6 +69,17 @@ def box_colors(origins, directions, half_m):
     return COLORS[2 * axis + positive], half_m - others
 
 
+def mirrored_colors(camera, width, height, radius_m, half_m, centre=(0.0, 0.0, 0.0)):
+    """What a mirror sphere shows of a coloured box, how near to one of the box's edges that is, and how far from the sphere's centre the
+    eye's rays pass; metres. Without meaning where they pass beside it."""
+    eye, directions = camera_rays(camera, width, height)
+    along = directions @ (np.asarray(centre) - eye)
+    distance = np.linalg.norm(eye + along[..., None] * directions - centre, axis=-1)
+    at = eye + (along - np.sqrt(np.maximum(radius_m**2 - distance**2, 0)))[..., None] * directions
+    normal = (at - centre) / radius_m
+    return *box_colors(at, directions - 2 * (directions * normal).sum(axis=-1, keepdims=True) * normal, half_m), distance
+
+
 def test_mirror_sphere_in_a_coloured_box(device):
     half_m, radius_m, centre = 3.0, 0.8, np.array([0.4, 0.3, -0.2])
     walls, materials = colored_box(half_m)
@@ -77,16 +88,8 @@ def test_mirror_sphere_in_a_coloured_box(device):
     scene = snapshot([*walls, sphere], [], camera, WIDTH, HEIGHT, materials=[*materials, mirror((0.9, 0.8, 0.7))], world=World())
     passes = render_passes(scene, device, reflection_sample_count=2, effects=(Effect.REFLECTION,))
 
-    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
-    along = directions @ (centre - eye)
-    distance = np.linalg.norm(eye + along[..., None] * directions - centre, axis=-1)
-    inside = distance < 0.97 * radius_m
-    first = along - np.sqrt(np.maximum(radius_m**2 - distance**2, 0))
-    at = eye + first[..., None] * directions
-    normal = (at - centre) / radius_m
-    reflected = directions - 2 * (directions * normal).sum(axis=-1, keepdims=True) * normal
-    truth, to_edge = box_colors(at, reflected, half_m)
-    judged = inside & (to_edge > 0.1)
+    truth, to_edge, distance = mirrored_colors(camera, WIDTH, HEIGHT, radius_m, half_m, centre)
+    judged = (distance < 0.97 * radius_m) & (to_edge > 0.1)
     assert judged.sum() > 1000
     np.testing.assert_allclose(passes[REFLECTION_COLOR_PASS_NAME][judged], np.broadcast_to((0.9, 0.8, 0.7), truth[judged].shape), rtol=1e-3)
     wrong = np.abs(passes[REFLECTION_PASS_NAME] - truth).max(axis=-1) > 0.01

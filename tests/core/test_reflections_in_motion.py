@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.core.test_reflections import box_colors, camera_rays, colored_box
+from tests.core.test_reflections import colored_box, mirrored_colors
 from tests.scenes import bumpy_sphere, mirror, perspective_camera, prepared_renderer, render_batches, snapshot
 from vir_addon.core.material import World
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
@@ -35,17 +35,6 @@ def finely_divided(wall, count):
     return Mesh(wall.name, positions.astype(np.float32), triangles.astype(np.int32))
 
 
-def sphere_truth(camera):
-    """What a mirror sphere shows of the box, and which pixels show it and not its rim."""
-    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
-    along = -directions @ eye
-    distance = np.linalg.norm(eye + along[..., None] * directions, axis=-1)
-    at = eye + (along - np.sqrt(np.maximum(RADIUS_M**2 - distance**2, 0)))[..., None] * directions
-    normal = at / RADIUS_M
-    colors, _ = box_colors(at, directions - 2 * (directions * normal).sum(axis=-1, keepdims=True) * normal, HALF_M)
-    return colors, distance < 0.95 * RADIUS_M
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "count", "choices"), [(ReflectionMethod.MVR, 50, {}), (ReflectionMethod.EPR, 200, SPARSE)])
 def test_reflections_flicker_hardly_more_than_rays_of_each_frame_do(device, method, count, choices):
@@ -64,7 +53,9 @@ def test_reflections_flicker_hardly_more_than_rays_of_each_frame_do(device, meth
             passes, statistics = renderer.read_passes(), renderer.reflections.statistics
             sizes.append(renderer.reflections.planned.maps[0].width_px)
         assert method is ReflectionMethod.MVR or statistics.cloud_triangle_count < 0.5 * scene.instanced_triangle_count
-        colors, judged = sphere_truth(camera)
+        # not at its rim
+        colors, _, distance = mirrored_colors(camera, WIDTH, HEIGHT, RADIUS_M, HALF_M)
+        judged = distance < 0.95 * RADIUS_M
         assert (passes[REFLECTION_COLOR_PASS_NAME][judged] > 0.99).all()
         own.append(np.where(judged[..., None], passes[REFLECTION_PASS_NAME], np.nan))
         true.append(np.where(judged[..., None], colors, np.nan))

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.core.test_reflections import box_colors, camera_rays, colored_box
+from tests.core.test_reflections import box_colors, camera_rays, colored_box, mirrored_colors
 from tests.scenes import box, bumpy_sphere, camera_from_above, floor, matte, mirror, perspective_camera, rectangle, render_passes, snapshot
 from vir_addon.core import reflector_views
 from vir_addon.core.material import Constant, ImageSample, ImageTexels, Operation, TableLookup, World
@@ -263,12 +263,7 @@ def test_what_is_near_a_small_reflector_is_in_its_map_however_large_the_scene(de
         world=World(),
     )
     image = render_passes(scene, device, reflection_sample_count=2, effects=(Effect.REFLECTION,))[REFLECTION_PASS_NAME]
-    eye, directions = camera_rays(camera, width, height)
-    along = -directions @ eye
-    distance = np.linalg.norm(eye + along[..., None] * directions, axis=-1)
-    at = eye + (along - np.sqrt(np.maximum(radius_m**2 - distance**2, 0)))[..., None] * directions
-    normal = at / radius_m
-    truth, to_edge = box_colors(at, directions - 2 * (directions * normal).sum(axis=-1, keepdims=True) * normal, half_m)
+    truth, to_edge, distance = mirrored_colors(camera, width, height, radius_m, half_m)
     judged = (distance < 0.95 * radius_m) & (to_edge > 0.1 * half_m)
     assert judged.sum() > 300
     assert np.abs(image - truth)[judged].max() < 0.01

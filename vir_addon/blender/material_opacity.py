@@ -81,9 +81,8 @@ class MaterialReader:
         self._override = override
         self._read: dict[int, MaterialOpacity | None] = {}
         self._maps: dict[tuple[object, ...], OpacityMap] = {}
-        self._texels: dict[tuple[int, Channel], np.ndarray] = {}
         self.left_out: list[LeftOut] = []
-        self.notes: list[str] = []
+        self.notes: set[str] = set()
 
     def materials_of(self, shown: bpy.types.Object) -> tuple[MaterialOpacity | None, ...]:
         """One entry a material slot of an evaluated object; empty when the object is opaque as a whole."""
@@ -125,18 +124,16 @@ class MaterialReader:
         values = srgb_to_linear(_TEXEL_VALUES) if has_encoded_color(texture.image, texture.channel) else _TEXEL_VALUES
         with np.errstate(all="ignore"):
             table = np.clip(np.nan_to_num(np.broadcast_to(function(values), values.shape)), 0.0, 1.0).astype(np.float32)
-        image_key = (texture.image.as_pointer(), texture.channel)
-        if image_key not in self._texels:
-            self._texels[image_key], note = self._images.texels(texture.image, texture.channel)
-            self.notes += [note] * bool(note)
-        texels = self._texels[image_key]
+        texels, note = self._images.texels(texture.image, texture.channel)
+        if note:
+            self.notes.add(note)
         used = table[np.bincount(texels.ravel(), minlength=256) > 0]
         # importers link the alpha of every image, of those that are opaque throughout as well
         if texture.extension is not Extension.CLIP and used.min() >= 1.0:
             return None
         if used.max() <= 0.0 and (texture.extension is not Extension.CLIP or table[0] <= 0.0):
             return self._result(material, texture, None)
-        key = (image_key, table.tobytes(), texture.extension, texture.is_interpolated)
+        key = (texture.image.as_pointer(), texture.channel, table.tobytes(), texture.extension, texture.is_interpolated)
         if key not in self._maps:
             self._maps[key] = OpacityMap(material.name, texels, table, texture.extension, texture.is_interpolated)
         return self._result(material, texture, self._maps[key])

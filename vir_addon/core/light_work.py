@@ -233,9 +233,8 @@ class LightWork(Shared):
     @property
     def look_up_count(self) -> int:
         """How often a pixel asks all of this light's batches whether it sees the light, in all of its eye samples."""
-        eye_samples = self.plan.eye_samples_per_batch
-        shares = (len(self.batch_views(batch)) for batch in range(self.plan.batch_count))
-        return sum(views if views >= eye_samples else views * eye_samples for views in shares)
+        parts, batches = self.plan.eye_samples_per_batch, range(self.plan.batch_count)
+        return sum(len(_views_of_part(len(self.batch_views(batch)), part, parts)) for batch in batches for part in range(parts))
 
     @property
     def largest_batch(self) -> int:
@@ -344,16 +343,14 @@ class LightWork(Shared):
         )
 
     def _round(self, eye: EyePass, part: int, view_count: int) -> dict[str, Any]:
-        """What RESOLVE is bound to for one of a batch's eye samples, but for what the face brings. The eye samples share the views evenly;
-        each has all of them if there are fewer."""
+        """What RESOLVE is bound to for one of a batch's eye samples, but for what the face brings."""
         width, height = eye.size
-        parts = len(eye.buffers)
-        first, end = (part * view_count // parts, (part + 1) * view_count // parts) if view_count >= parts else (0, view_count)
+        views = _views_of_part(view_count, part, len(eye.buffers))
         return {
             **eye.buffers[part]._asdict(),
             "batch_sums": self.store.batch_sums[part],
-            "first_view": first,
-            "view_count": end - first,
+            "first_view": views.start,
+            "view_count": len(views),
             "receivers": self.receivers,
             "round_sums": self.accumulator.round_sums,
             "disagreeing": self.accumulator.disagreeing,
@@ -419,6 +416,11 @@ class LightWork(Shared):
 
     def _free(self) -> None:
         self._owned.close()
+
+
+def _views_of_part(view_count: int, part: int, parts: int) -> range:
+    """Of a batch's views those that one of its eye samples looks up. These share them evenly; each has all if there are fewer."""
+    return range(part * view_count // parts, (part + 1) * view_count // parts) if view_count >= parts else range(view_count)
 
 
 def _lamp_radius_m(light: Light) -> float:
