@@ -245,7 +245,8 @@ def test_a_mirror_in_a_mirror_shows_the_lamp(device, shape):
     seen = 9.0 * directions / np.abs(directions[..., 1:2])
     x, z = (seen[..., 0] - place[0]) / size_m[0], (seen[..., 2] - place[2]) / size_m[1]
     away = np.maximum(np.abs(x), np.abs(z)) if shape is LightShape.RECTANGLE else np.hypot(x, z)
-    assert image[away < 0.47] == pytest.approx(5.0, rel=0.02 if shape.is_area else 0.05)
+    assert (away < 0.47).sum() > 200 and (away > 0.53).sum() > 200
+    np.testing.assert_allclose(image[away < 0.47], 5.0, rtol=0.02 if shape.is_area else 0.05)
     assert not image[away > 0.53].any()
 
 

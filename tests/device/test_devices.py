@@ -75,7 +75,10 @@ def test_a_dispatch_larger_than_one_dimension_reaches_every_number_once(device, 
 
 
 def test_nothing_is_dispatched_for_nothing(device):
-    device.compute_kernel(INVOCATION_NUMBERS).dispatch_linear(0)
+    numbers = device.create_texture(4, 1, TextureFormat.R32UI)
+    device.fill(numbers, 7)
+    device.compute_kernel(INVOCATION_NUMBERS).dispatch_linear(0, numbers=numbers, invocation_count=4)
+    np.testing.assert_array_equal(device.read(numbers), np.full((1, 4), 7))
 
 
 def test_atomic_minimum(device):
@@ -319,15 +322,15 @@ def test_a_draw_then_a_dispatch_then_a_draw_see_each_other(device, canvas):
 
 def test_a_mesh_is_drawn_by_two_kernels_and_released(device, canvas):
     triangle = mesh(device, TWO_DEPTHS[3:])
-    canvas([Draw(triangle, 1, {"first_instance": 0})])
-    color = device.create_texture(8, 8, TextureFormat.RG32UI)
+    np.testing.assert_array_equal(canvas([Draw(triangle, 1, {"first_instance": 0})]), np.full((16, 16), 1))
+    color = device.create_texture(8, 8, TextureFormat.R32UI)
     depth = device.create_texture(8, 8, TextureFormat.DEPTH32F)
     device.fill(color, 3)
     device.fill(depth, 0)
     other = device.raster_kernel(dataclasses.replace(NUMBER_TRIANGLES, name="number_triangles_again"))
-    draws = [Draw(triangle, 1, {"first_instance": 0})]
+    draws = [Draw(triangle, 1, {"first_instance": 1})]
     other.draw(device.create_target(color, depth), (0, 0, 8, 8), draws, clip_from_object=IDENTITY, offsets=np.zeros((4, 4)))
-    device.finish()
+    np.testing.assert_array_equal(device.read(color), np.full((8, 8), 11))
     triangle.release()
 
 
