@@ -247,6 +247,8 @@ def evaluate_on_texels(expression: MaterialInput, image: ImageTexels) -> np.ndar
 
 def typical_value(expression: MaterialInput) -> np.ndarray:
     """(3,) float64: what the expression makes of its images' means, and of 0.5 for what only a place on the surface has."""
+    if isinstance(expression, Constant):
+        return np.array(expression.value, np.float64)
 
     def value_of(leaf: ImageSample | CornerValue) -> np.ndarray:
         if isinstance(leaf, CornerValue):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -101,19 +101,19 @@ def cube_around(
     own: np.ndarray,
     side_px: int,
     *,
-    place_ws: np.ndarray,
+    find_place: Callable[[], np.ndarray],
     nearer_to_eye: bool = False,
 ) -> ReflectionMap:
     """All but the reflector itself: from the middle of one that is solid, otherwise from a place on it, which lies in nothing else.
 
-    own: (n,) int64 its instances; place_ws: (3,). nearer_to_eye: from nearer to the places that the eye sees of a solid: rays from
-    there meet less that is hidden from the map.
+    own: (n,) int64 its instances; find_place: asked for (3,) only where it is not solid. nearer_to_eye: from nearer to the places that
+    the eye sees of a solid: rays from there meet less that is hidden from the map.
     """
     corners = bounds.corners_ws[own].reshape(-1, 3)
     center_ws = (corners.min(axis=0) + corners.max(axis=0)) / 2
     radius_m = _inscribed_radius(snapshot, own, center_ws)
     if not radius_m > 0:
-        center_ws = place_ws
+        center_ws = find_place()
     elif nearer_to_eye:
         matrix = snapshot.camera.world_from_view
         toward = matrix[:3, 2] if snapshot.camera.is_orthographic else matrix[:3, 3] - center_ws
@@ -216,9 +216,13 @@ def _view(
 
 def is_convex_to_eye(snapshot: SceneSnapshot, own: np.ndarray) -> bool:
     """Whether no corner of a reflector lies before any of its surfaces that the eye sees, both on a regular subset."""
-    triangles = np.concatenate(list(placed_triangles(snapshot, own, snapshot.camera.world_from_view[:3, 3])))
-    corners = triangles.reshape(-1, 3)[:: max(1, 3 * len(triangles) // CONVEXITY_CORNERS)]
-    tested = triangles[:: max(1, len(triangles) // CONVEXITY_TRIANGLES)]
+    eye_ws = snapshot.camera.world_from_view[:3, 3]
+    triangle_count = sum(snapshot.meshes[snapshot.instances.mesh_index[index]].triangle_count for index in own)
+    corner_step, triangle_step = max(1, 3 * triangle_count // CONVEXITY_CORNERS), max(1, triangle_count // CONVEXITY_TRIANGLES)
+    placed = list(_placed_meshes(snapshot, own, eye_ws))
+    # a corner of several triangles once
+    corners = np.concatenate([positions[np.unique(triangles.reshape(-1)[::corner_step])] for positions, triangles in placed])
+    tested = np.concatenate([positions[triangles[::triangle_step]] for positions, triangles in placed])
     normals = np.cross(tested[:, 1] - tested[:, 0], tested[:, 2] - tested[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
     tested, normals = tested[lengths > 0], normals[lengths > 0] / lengths[lengths > 0, None]
@@ -228,8 +232,8 @@ def is_convex_to_eye(snapshot: SceneSnapshot, own: np.ndarray) -> bool:
     else:
         # both sides of what is open may be seen
         normals = np.where(facing[:, None], normals, -normals)
-    heights = corners @ normals.T - (tested[:, 0] * normals).sum(axis=1)
-    return bool((heights < CONVEXITY_SHARE * np.ptp(corners, axis=0).max()).all())
+    highest = (corners @ normals.T).max(axis=0, initial=-math.inf) - (tested[:, 0] * normals).sum(axis=1)
+    return bool((highest < CONVEXITY_SHARE * np.ptp(corners, axis=0).max()).all())
 
 
 def cube_size_px(pixels: float) -> int:
@@ -265,13 +269,18 @@ def covered_window(camera: Camera, corners_ws: np.ndarray) -> tuple[float, float
 
 def placed_triangles(snapshot: SceneSnapshot, own: np.ndarray, origin_ws: np.ndarray) -> Iterator[np.ndarray]:
     """Of the instances, some after the others, (n, 3, 3) float64 corners from an origin, counter-clockwise seen from the front."""
+    for positions, triangles in _placed_meshes(snapshot, own, origin_ws):
+        for first in range(0, len(triangles), TRIANGLES_AT_ONCE):
+            yield positions[triangles[first : first + TRIANGLES_AT_ONCE]]
+
+
+def _placed_meshes(snapshot: SceneSnapshot, own: np.ndarray, origin_ws: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Of the instances, (n, 3) float64 positions from an origin, and (m, 3) triangles of them, counter-clockwise seen from the front."""
     instances = snapshot.instances
     for index in own:
         mesh, matrix = snapshot.meshes[instances.mesh_index[index]], instances.world_from_object[index].astype(np.float64)
         placed = mesh.positions_os.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3] - origin_ws
-        triangles = mesh.triangles if np.linalg.det(matrix[:3, :3]) > 0 else mesh.triangles[:, ::-1]
-        for first in range(0, len(triangles), TRIANGLES_AT_ONCE):
-            yield placed[triangles[first : first + TRIANGLES_AT_ONCE]]
+        yield placed, mesh.triangles if np.linalg.det(matrix[:3, :3]) > 0 else mesh.triangles[:, ::-1]
 
 
 def is_too_fine(snapshot: SceneSnapshot, own: np.ndarray) -> bool:

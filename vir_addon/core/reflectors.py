@@ -134,7 +134,7 @@ def choose_reflectors(
             place_ws = (corners.min(axis=0) + corners.max(axis=0)) / 2
             candidates.append(Candidate(name, own, math.prod(covered_size_px(snapshot, corners)), place_ws))
         elif in_picture[own].any() and seen is not None and seen.count(own):
-            candidates.append(Candidate(name, own, seen.count(own), seen.middle(own)))
+            candidates.append(Candidate(name, own, seen.count(own), seen.mean(own), seen))
         else:
             others.append((name, own, bool(in_picture[own].any())))
     groups, left_out = _sharing_maps(snapshot, candidates)
@@ -192,11 +192,11 @@ def with_met(
 ) -> PlannedReflections:
     """With maps for reflectors that the eye does not see but enough of which shows in others. The same if there is none."""
     shown = [each for each in planned.waiting if hits.count(each.instances)]
-    candidates = [Candidate(each.name, each.instances, hits.count(each.instances), hits.middle(each.instances)) for each in shown]
+    candidates = [Candidate(each.name, each.instances, hits.count(each.instances), hits.mean(each.instances), hits) for each in shown]
     reason = "shows enough only within other reflectors"
 
     def plan_one(each: Candidate) -> Reflector:
-        cube = cube_around(snapshot, bounds, each.own, UNSEEN_MAP_PX, place_ws=each.place_ws)
+        cube = cube_around(snapshot, bounds, each.own, UNSEEN_MAP_PX, find_place=each.center_ws)
         return Reflector(each.name, each.own, runs=True, reason=reason, method_text="mvr", met=cube)
 
     def plan_group(group: list[Candidate]) -> Reflector:
@@ -221,13 +221,13 @@ def _together(group: list[Candidate]) -> Candidate:
     weights = np.array([each.ray_count for each in group], np.float64)
     places = np.array([each.place_ws for each in group])
     middle = np.average(places, axis=0, weights=weights)
-    place_ws = places[np.argmin(((places - middle) ** 2).sum(axis=1))]
+    place_ws = group[np.argmin(((places - middle) ** 2).sum(axis=1))].center_ws()
     name = f"{group[0].name} and {len(group) - 1} more"
     return Candidate(name, np.concatenate([each.own for each in group]), int(weights.sum()), place_ws)
 
 
 def _group_cube(snapshot: SceneSnapshot, bounds: SceneBounds, together: Candidate, covered_px: int) -> ReflectionMap:
-    return cube_around(snapshot, bounds, together.own, cube_size_px(covered_px), place_ws=together.place_ws)
+    return cube_around(snapshot, bounds, together.own, cube_size_px(covered_px), find_place=together.center_ws)
 
 
 def _plan_group(snapshot: SceneSnapshot, bounds: SceneBounds, group: list[Candidate], *, is_measured: bool) -> Reflector:
@@ -269,13 +269,13 @@ def _plan_reflector(
         view = mirrored_view(snapshot, bounds, own, plane)
         if view is not None:
             # what the mirrored view does not show: rays from other reflectors, and what lights the surfaces that it shows
-            aside = cube_around(snapshot, bounds, own, min(side_px, ASIDE_MAP_PX), place_ws=candidate.place_ws)
+            aside = cube_around(snapshot, bounds, own, min(side_px, ASIDE_MAP_PX), find_place=candidate.center_ws)
             return Reflector(name, own, True, f"{reason}; flat: one mirrored view", "planar", view, aside, aside, None, covered_px)
     if eye_is_inside(snapshot, own, corners):
         cube = cube_around_eye(snapshot, bounds, own, side_px)
         reason += "; the eye is inside, so its cube is around the eye"
         return Reflector(name, own, True, reason, "mvr", cube, cube, cube, None, covered_px)
-    seen = cube_around(snapshot, bounds, own, side_px, nearer_to_eye=True, place_ws=candidate.place_ws)
+    seen = cube_around(snapshot, bounds, own, side_px, nearer_to_eye=True, find_place=candidate.center_ws)
     if is_too_fine(snapshot, own):
         reason += f"; more than {MAX_INSCRIBED_TRIANGLES} triangles: its cube is around a place on it"
     itself = None

@@ -30,10 +30,14 @@ class SeenPlaces:
         """Rays of a sample of every pixel that meet these instances, (n,) int64; at least 1 where any does."""
         return -(-int((self._starts[own + 1] - self._starts[own]).sum()) // self._sample_count)
 
+    def mean(self, own: np.ndarray) -> np.ndarray:
+        """(3,) of the places on these instances; there is one where `count` is not 0."""
+        return self._places_of(own).mean(axis=0)
+
     def middle(self, own: np.ndarray) -> np.ndarray:
         """(3,) the one of the places on these instances from which most is seen: near to the mean of all, and not close to other things,
         which would hide the rest from there. There is one where `count` is not 0."""
-        places = np.concatenate([self._places_ws[self._starts[index] : self._starts[index + 1]] for index in own])
+        places = self._places_of(own)
         from_mean = ((places - places.mean(axis=0)) ** 2).sum(axis=1)
         size = from_mean.mean()
         order = np.argsort(from_mean, kind="stable")[:: max(1, len(places) // MAX_CANDIDATES)]
@@ -43,6 +47,9 @@ class SeenPlaces:
         squared = ((places[order][:, None] - others[None]) ** 2).sum(axis=2)
         crowd = (1 / (squared + 1e-4 * size)).mean(axis=1)
         return places[order[np.argmin(crowd / np.median(crowd) + from_mean[order] / size)]]
+
+    def _places_of(self, own: np.ndarray) -> np.ndarray:
+        return np.concatenate([self._places_ws[self._starts[index] : self._starts[index + 1]] for index in own])
 
 
 class Candidate(NamedTuple):
@@ -54,7 +61,13 @@ class Candidate(NamedTuple):
     ray_count: int
     """of a sample of every pixel, or what the picture lets expect"""
     place_ws: np.ndarray
-    """(3,) where it is seen"""
+    """(3,) about where it is seen, or its map's centre where that is known"""
+    seen: SeenPlaces | None = None
+    """that tell where in what is seen of it a map's centre is best"""
+
+    def center_ws(self) -> np.ndarray:
+        """(3,) Takes milliseconds: to be asked for only where a map needs it."""
+        return self.place_ws if self.seen is None else self.seen.middle(self.own)
 
 
 def near_each_other(candidates: list[Candidate], least_ray_count: float) -> list[list[Candidate]]:
