@@ -28,10 +28,11 @@ void main() {
         Surface surface = surface_at(int(position.w), instance, triangle, int(hit.x), weights, normal.xyz, unpack_direction(normal.w));
         vec3 to_eye = -texelFetch(ray_directions, pixel, 0).xyz;
         float cosine = max(dot(surface.normal_ws, to_eye), LEAST_COSINE);
-        float under = 1.0 - largest(dielectric_albedo(surface, lobe_of(surface.roughness, cosine)));
-        scattered = PER_PI * max(under, 0.0) * (1.0 - coat_albedo(surface, cosine)) * surface.diffuse;
-        own = emitted(surface, to_eye);
-        gloss = gloss_of(surface, throughput, cosine);
+        Lobes lobes = lobes_of(surface, cosine);
+        float under = 1.0 - largest(dielectric_albedo(surface, lobes.base));
+        scattered = PER_PI * max(under, 0.0) * (1.0 - coat_albedo(surface, lobes)) * surface.diffuse;
+        own = emitted(surface, lobes);
+        gloss = gloss_of(surface, throughput, lobes);
         vec4 maps = texelFetch(instance_maps, linear_texel(int(position.w)), 0);
         is_reflector = max(maps.x, maps.y) >= 0.0;
     }

@@ -39,7 +39,7 @@ void main() {
     vec4 ray = texelFetch(ray_origins, pixel, 0);
     float first_m = FIRST_SHARE * max(length(position.xyz - ray.xyz), length(position.xyz));
     int beside = int(texelFetch(throughputs, pixel, 0).w);
-    Found found = follow(load_map(beside >= 0 ? beside : int(ray.w)), position.xyz, direction, first_m);
+    Found found = follow(load_map(beside >= 0 ? beside : int(ray.w)), position.xyz, direction, first_m, true);
     vec3 radiance = vec3(0.0);
     if (found.how == REFLECTED_NOTHING) {
         radiance = world_radiance(direction);
@@ -51,7 +51,7 @@ void main() {
         vec3 geometric = dot(scaled, scaled) > 0.0 ? normalize(scaled) : -direction;
         geometric *= dot(geometric, direction) > 0.0 ? -1.0 : 1.0;
         Surface surface = surface_at(int(found.texel.z), instance, triangle, int(found.texel.w), weights, geometric, geometric);
-        radiance = emitted(surface, -direction);
+        radiance = emitted(surface, lobes_of(surface, max(-dot(surface.normal_ws, direction), LEAST_COSINE)));
     }
     imageStore(radiances, pixel, imageLoad(radiances, pixel) + vec4(PI * scattered * radiance, 0.0));
 }

@@ -15,23 +15,28 @@ void main() {
     vec4 normal = vec4(0.0);
     vec4 surface = vec4(0.0, 0.0, 0.0, float(NO_RAY));
     if (ray.w >= 0.0) {
-        ReflectionMap map = load_map(int(ray.w));
         vec4 direction = texelFetch(ray_directions, pixel, 0);
-        Found found = follow(map, ray.xyz, direction.xyz, direction.w);
         int beside = int(texelFetch(throughputs, pixel, 0).w);
-        if (found.how == REFLECTED_OUT_OF_VIEW && beside >= 0) {
-            found = follow(load_map(beside), ray.xyz, direction.xyz, direction.w);
-        }
-#ifndef BY_DIRECTION
-        // found by marching alone, so nothing of it is by direction
-        if (beside < -1) {
-            Found own = march(load_map(-2 - beside), ray.xyz, direction.xyz, OWN_SHARE * direction.w);
-            bool is_before = found.how != REFLECTED_SURFACE || own.meeting.along < found.meeting.along;
-            if (own.how == REFLECTED_SURFACE && own.meeting.inside && is_before) {
-                found = own;
+#ifdef BY_DIRECTION
+        bool shows_itself = false;
+#else
+        bool shows_itself = beside < -1;
+#endif
+        Found found = Found(Meeting(FAR_ALONG, vec2(0.0), false), vec4(-1.0), REFLECTED_NOTHING);
+        // in turns: what stands in a kernel twice is compiled twice
+        for (int turn = 0; turn < 2; turn++) {
+            bool is_own = turn == 1 && shows_itself;
+            ReflectionMap map = load_map(turn == 0 ? int(ray.w) : is_own ? -2 - beside : beside);
+            // of itself it shows what is found by marching alone
+            Found one = follow(map, ray.xyz, direction.xyz, (is_own ? OWN_SHARE : 1.0) * direction.w, !is_own);
+            bool is_before = found.how != REFLECTED_SURFACE || one.meeting.along < found.meeting.along;
+            if (!is_own || (one.how == REFLECTED_SURFACE && one.meeting.inside && is_before)) {
+                found = one;
+            }
+            if (!shows_itself && (found.how != REFLECTED_OUT_OF_VIEW || beside < 0)) {
+                break;
             }
         }
-#endif
         surface.w = float(found.how);
         if (!is_empty(found.texel)) {
             InstanceData instance = load_instance(int(found.texel.z));

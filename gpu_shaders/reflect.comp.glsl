@@ -52,7 +52,8 @@ void main() {
         vec3 n = seen_normal(surface.normal_ws, -incoming);
         surface.normal_ws = n;
         float cosine = max(-dot(n, incoming), LEAST_COSINE);
-        float roughness = reflection_roughness(surface, cosine);
+        Lobes lobes = lobes_of(surface, cosine);
+        float roughness = reflection_roughness(surface, lobes);
         float width = roughness * roughness;
         vec3 facet = n;
         float masked = 1.0;
@@ -65,14 +66,14 @@ void main() {
             // a leaning shading normal would send it into the surface
             outgoing = normalize(outgoing - (above - 1.0e-3) * normal.xyz);
         }
-        albedo = vec4(reflection_color(surface, cosine), 1.0);
+        albedo = vec4(reflection_color(surface, lobes), 1.0);
         // a coat has other facets than what it lies upon: those of the one that reflects more stand for both
         vec3 reflected = albedo.rgb;
         if (surface.coat_weight > 0.0) {
             // the mean of masking over facets is in it already
-            masked /= width > MIRROR_WIDTH ? lobe_of(roughness, cosine).albedo : 1.0;
+            masked /= width > MIRROR_WIDTH ? (roughness == surface.coat_roughness ? lobes.coat : lobes.base).albedo : 1.0;
         } else {
-            reflected = lobe_fresnel(surface, lobe_of(surface.roughness, cosine), clamp(-dot(facet, incoming), 0.0, 1.0));
+            reflected = lobe_fresnel(surface, lobes.base, clamp(-dot(facet, incoming), 0.0, 1.0));
         }
         color = vec4(before * masked * reflected, beside);
         origin = vec4(position.xyz, float(map_number));

@@ -29,6 +29,22 @@ Lobe lobe_of(float roughness, float cosine) {
     return Lobe(means.x, means.w, means.y, means.z, curve);
 }
 
+// A surface's own and its coat's, which is anything where there is none. Asked for once: every look-up is compiled into its kernel.
+struct Lobes {
+    Lobe base;
+    Lobe coat;
+};
+
+Lobes lobes_of(Surface s, float cosine) {
+    Lobes lobes;
+    lobes.base = lobe_of(s.roughness, cosine);
+    lobes.coat = lobes.base;
+    if (s.coat_weight > 0.0) {
+        lobes.coat = lobe_of(s.coat_roughness, cosine);
+    }
+    return lobes;
+}
+
 float mean_dielectric_curve(Lobe lobe, float ior) {
     float z = sqrt((ior - 1.0) / (ior + 1.0));
     float at = clamp(z, LEAST_Z, LARGEST_Z);
@@ -82,13 +98,12 @@ vec3 metal_albedo(Surface s, Lobe lobe) {
     return s.metal_weight * lobe.albedo * metal_fresnel(s, lobe.schlick, lobe.f82) * multiple_bounces(lobe, mean_metal_fresnel(s));
 }
 
-float coat_albedo(Surface s, float cosine) {
+float coat_albedo(Surface s, Lobes lobes) {
     if (s.coat_weight <= 0.0) {
         return 0.0;
     }
-    Lobe lobe = lobe_of(s.coat_roughness, cosine);
-    float once = mix(reflectance_straight_on(s.coat_ior), 1.0, mean_dielectric_curve(lobe, s.coat_ior));
-    return s.coat_weight * lobe.albedo * once * multiple_bounces(lobe, vec3(mean_fresnel(s.coat_ior))).x;
+    float once = mix(reflectance_straight_on(s.coat_ior), 1.0, mean_dielectric_curve(lobes.coat, s.coat_ior));
+    return s.coat_weight * lobes.coat.albedo * once * multiple_bounces(lobes.coat, vec3(mean_fresnel(s.coat_ior))).x;
 }
 
 float largest(vec3 v) {
@@ -96,11 +111,10 @@ float largest(vec3 v) {
 }
 
 // Which share of light from everywhere the lobes (not the diffuse one) send to the eye: what a reflection is multiplied by.
-// cosine: of the direction to the eye
-vec3 reflection_color(Surface s, float cosine) {
-    Lobe lobe = lobe_of(s.roughness, cosine);
-    float coat = coat_albedo(s, cosine);
-    return coat + (1.0 - coat) * (dielectric_albedo(s, lobe) + metal_albedo(s, lobe));
+// lobes: under the cosine of the direction to the eye, here and below
+vec3 reflection_color(Surface s, Lobes lobes) {
+    float coat = coat_albedo(s, lobes);
+    return coat + (1.0 - coat) * (dielectric_albedo(s, lobes.base) + metal_albedo(s, lobes.base));
 }
 
 // The dielectric and the metallic lobe's Fresnel reflectances for light under a cosine to the microfacet, with their weights.
@@ -119,13 +133,10 @@ vec3 lobe_fresnel(Surface s, Lobe lobe, float to_half) {
 }
 
 // Of the lobe that reflects most: where there is a coat, that over a rough surface is what shows mirror images.
-float reflection_roughness(Surface s, float cosine) {
-    float coat = coat_albedo(s, cosine);
-    if (coat <= 0.0) {
-        return s.roughness;
-    }
-    Lobe lobe = lobe_of(s.roughness, cosine);
-    return coat > largest((1.0 - coat) * (dielectric_albedo(s, lobe) + metal_albedo(s, lobe))) ? s.coat_roughness : s.roughness;
+float reflection_roughness(Surface s, Lobes lobes) {
+    float coat = coat_albedo(s, lobes);
+    vec3 below = (1.0 - coat) * (dielectric_albedo(s, lobes.base) + metal_albedo(s, lobes.base));
+    return coat > largest(below) ? s.coat_roughness : s.roughness;
 }
 
 // Radiance towards the eye over irradiance from a direction. Unit vectors; the normal is the surface's.
@@ -143,40 +154,40 @@ vec3 brdf(Surface s, vec3 to_eye, vec3 to_light, float least_width) {
     float cos_half = clamp(dot(s.normal_ws, along_half), 0.0, 1.0);
     float to_half = clamp(dot(to_light, along_half), 0.0, 1.0);
 
-    Lobe lobe = lobe_of(s.roughness, cos_eye);
+    Lobes lobes = lobes_of(s, cos_eye);
     float base = ggx(max(s.roughness * s.roughness, least_width), cos_half, cos_eye, cos_light);
-    vec3 reflected = base * lobe_fresnel(s, lobe, to_half);
-    vec3 under = s.dielectric_weight > 0.0 ? vec3(1.0 - largest(dielectric_albedo(s, lobe))) : vec3(1.0);
+    vec3 reflected = base * lobe_fresnel(s, lobes.base, to_half);
+    vec3 under = s.dielectric_weight > 0.0 ? vec3(1.0 - largest(dielectric_albedo(s, lobes.base))) : vec3(1.0);
     reflected += max(under, 0.0) * s.diffuse / 3.14159265;
     if (s.coat_weight > 0.0) {
         float width = max(s.coat_roughness * s.coat_roughness, least_width);
         float fresnel = mix(reflectance_straight_on(s.coat_ior), 1.0, dielectric_curve(to_half, s.coat_ior));
-        fresnel *= multiple_bounces(lobe_of(s.coat_roughness, cos_eye), vec3(mean_fresnel(s.coat_ior))).x;
-        reflected = (1.0 - coat_albedo(s, cos_eye)) * reflected + s.coat_weight * fresnel * ggx(width, cos_half, cos_eye, cos_light);
+        fresnel *= multiple_bounces(lobes.coat, vec3(mean_fresnel(s.coat_ior))).x;
+        reflected = (1.0 - coat_albedo(s, lobes)) * reflected + s.coat_weight * fresnel * ggx(width, cos_half, cos_eye, cos_light);
     }
     return reflected;
 }
 
-// throughput: what light from the surface is multiplied by; cosine: of the direction to the eye
-Gloss gloss_of(Surface s, vec3 throughput, float cosine) {
-    Lobe lobe = lobe_of(s.roughness, cosine);
-    float coat = coat_albedo(s, cosine);
+// throughput: what light from the surface is multiplied by
+Gloss gloss_of(Surface s, vec3 throughput, Lobes lobes) {
+    Lobe lobe = lobes.base;
+    float coat = coat_albedo(s, lobes);
     vec3 dielectric = (1.0 - coat) * dielectric_albedo(s, lobe);
     vec3 metal = (1.0 - coat) * metal_albedo(s, lobe);
     vec3 straight_on = (1.0 - coat) * lobe_fresnel(s, lobe, 1.0);
     vec3 grazing = (1.0 - coat) * lobe_fresnel(s, lobe, 0.0);
     bool is_metal = largest(metal) > largest(dielectric);
     if (coat > largest(dielectric + metal)) {
-        float brighter = s.coat_weight * multiple_bounces(lobe_of(s.coat_roughness, cosine), vec3(mean_fresnel(s.coat_ior))).x;
+        float brighter = s.coat_weight * multiple_bounces(lobes.coat, vec3(mean_fresnel(s.coat_ior))).x;
         straight_on = vec3(brighter * reflectance_straight_on(s.coat_ior));
         grazing = vec3(brighter);
         is_metal = false;
     }
-    float roughness = reflection_roughness(s, cosine);
+    float roughness = reflection_roughness(s, lobes);
     return Gloss(throughput * straight_on, dot(throughput * grazing, vec3(1.0 / 3.0)), roughness * roughness, is_metal);
 }
 
 // What a surface sends to the eye of its own.
-vec3 emitted(Surface s, vec3 to_eye) {
-    return s.coat_weight > 0.0 ? (1.0 - coat_albedo(s, max(dot(s.normal_ws, to_eye), LEAST_COSINE))) * s.emission : s.emission;
+vec3 emitted(Surface s, Lobes lobes) {
+    return (1.0 - coat_albedo(s, lobes)) * s.emission;
 }

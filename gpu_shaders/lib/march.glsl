@@ -166,13 +166,14 @@ Found look_up_direction(ReflectionMap map, vec3 direction_ws) {
     return found;
 }
 
-// What the ray meets; REFLECTED_OUT_OF_VIEW: perhaps something outside of a map that is no cube. Where that was hidden from the map's centre, what the map shows in its direction.
-Found follow(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m) {
+// What the ray meets; REFLECTED_OUT_OF_VIEW: perhaps something outside of a map that is no cube. Where that was hidden from the map's
+// centre, what the map shows in its direction, if that counts.
+Found follow(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m, bool counts_by_direction) {
 #ifdef BY_DIRECTION
     return look_up_direction(map, direction_ws);
 #else
     Found found = march(map, origin_ws, direction_ws, first_m);
-    if (found.how == REFLECTED_NOTHING) {
+    if (counts_by_direction && found.how == REFLECTED_NOTHING) {
         Found behind = look_up_direction(map, direction_ws);
         if (behind.how != REFLECTED_NOTHING) {
             Meeting exact = meet(origin_ws, direction_ws, behind.texel);

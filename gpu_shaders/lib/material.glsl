@@ -214,9 +214,11 @@ Surface surface_at(
     r[INPUT_COAT_ROUGHNESS] = coat.yyy;
     r[INPUT_COAT_IOR] = coat.zzz;
     vec4 header = texelFetch(surface_data, linear_texel(material), 0);
+#ifdef PROGRAMS
     if (header.x >= 0.0) {
         run_program(integer_of(header.xy), point, r);
     }
+#endif
     Surface surface;
     surface.normal_ws = shading_ws;
     int normal_layer = int(header.z);

@@ -200,7 +200,7 @@ class ReflectionWork:
         part = hits.part
         facet, light = self.samples[round_number % len(self.samples), :, bounce]
         self._walk(
-            self.device.compute_kernel(REFLECT, *["FROM_EYE"] * (bounce == 0)),
+            self.device.compute_kernel(REFLECT, *self.materials.flags, *["FROM_EYE"] * (bounce == 0)),
             **self.scene_data.bindings,
             **self.materials.bindings,
             **seen,
@@ -227,7 +227,7 @@ class ReflectionWork:
         )
         yield
         self._walk(
-            self.device.compute_kernel(HIT_MATERIALS),
+            self.device.compute_kernel(HIT_MATERIALS, *self.materials.flags),
             **self.scene_data.bindings,
             **self.materials.bindings,
             **seen,
@@ -244,7 +244,7 @@ class ReflectionWork:
         if self.has_surroundings:
             yield
             self._walk(
-                self.device.compute_kernel(LIGHT_BY_SURROUNDINGS, *flags),
+                self.device.compute_kernel(LIGHT_BY_SURROUNDINGS, *self.materials.flags, *flags),
                 **self.scene_data.bindings,
                 **self.materials.bindings,
                 **self.maps.bindings,

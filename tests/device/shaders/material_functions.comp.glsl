@@ -16,11 +16,12 @@ void main() {
     vec3 weights = vec3(1.0 - place.z - place.w, place.zw);
     Surface s = surface_at(int(place.x), instance, triangle, int(place.y), weights, geometric, geometric);
     float cosine = max(dot(s.normal_ws, to_eye.xyz), LEAST_COSINE);
+    Lobes lobes = lobes_of(s, cosine);
     int base = 6 * index;
     imageStore(answers, linear_texel(base), vec4(s.diffuse, s.roughness));
     imageStore(answers, linear_texel(base + 1), vec4(s.metal, s.metal_weight));
-    imageStore(answers, linear_texel(base + 2), vec4(s.normal_ws, reflection_roughness(s, cosine)));
-    imageStore(answers, linear_texel(base + 3), vec4(emitted(s, to_eye.xyz), s.dielectric_weight));
+    imageStore(answers, linear_texel(base + 2), vec4(s.normal_ws, reflection_roughness(s, lobes)));
+    imageStore(answers, linear_texel(base + 3), vec4(emitted(s, lobes), s.dielectric_weight));
     imageStore(answers, linear_texel(base + 4), vec4(brdf(s, to_eye.xyz, to_light.xyz, to_light.w), s.ior));
-    imageStore(answers, linear_texel(base + 5), vec4(reflection_color(s, cosine), world_radiance(to_light.xyz).x));
+    imageStore(answers, linear_texel(base + 5), vec4(reflection_color(s, lobes), world_radiance(to_light.xyz).x));
 }

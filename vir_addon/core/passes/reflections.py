@@ -10,7 +10,7 @@ from .reflection_maps import MAP_LEVELS, MAP_TEXTURES
 from .resolve import DELIVERED_FLAGS, RESOLVE
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES
 from .shadow_maps import FACE_TABLE, MAX_BATCH_VIEWS
-from .surface_data import LUMINANCE_DEFINES, REFLECTANCE_DEFINES, SURFACE_DEFINES, SURFACE_TEXTURES
+from .surface_data import LUMINANCE_DEFINES, REFLECTANCE_DEFINES, SURFACE_DEFINES, SURFACE_FLAGS, SURFACE_TEXTURES
 from .tiles import SIZE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, WALK_CONSTANTS
 
 MAX_STEPS = 1024
@@ -78,7 +78,7 @@ REFLECT = ComputeDeclaration(
         "sample_y": Constant("float", "the same in y"),
     },
     tables={"eye": Table(5, "as of SURFACE; with FROM_EYE")},
-    flags={"FROM_EYE": "reflects what the eye sees, not what rays met"},
+    flags={**SURFACE_FLAGS, "FROM_EYE": "reflects what the eye sees, not what rays met"},
     defines={**SCENE_DEFINES, **TILE_DEFINES, **SURFACE_DEFINES, **REFLECTANCE_DEFINES},
 )
 
@@ -126,6 +126,7 @@ HIT_MATERIALS = ComputeDeclaration(
         "radiances": Stored("RGBA32F", "read_write", RADIANCES),
     },
     constants={**SIZE_CONSTANTS, **WALK_CONSTANTS, "bounce": BOUNCE},
+    flags=SURFACE_FLAGS,
     defines={
         **SCENE_DEFINES,
         **TILE_DEFINES,
@@ -194,7 +195,7 @@ LIGHT_BY_SURROUNDINGS = ComputeDeclaration(
         "sample_x": Constant("float", "of directions, in the unit square"),
         "sample_y": Constant("float", "the same in y"),
     },
-    flags=BY_DIRECTION_FLAG,
+    flags={**SURFACE_FLAGS, **BY_DIRECTION_FLAG},
     defines={**SCENE_DEFINES, **TILE_DEFINES, **SURFACE_DEFINES, **REFLECTANCE_DEFINES, **MARCH_DEFINES},
 )
 

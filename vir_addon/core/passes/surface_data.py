@@ -54,6 +54,8 @@ REFLECTANCE_DEFINES = {
     "LARGEST_Z": LARGEST_Z,
 }
 LUMINANCE_DEFINES = dict(zip(("LUMINANCE_RED", "LUMINANCE_GREEN", "LUMINANCE_BLUE"), LUMINANCE, strict=True))
+SURFACE_FLAGS = {"PROGRAMS": "inputs of some material are not constant"}
+"""Without, kernels are compiled in less than half of the time."""
 SURFACE_DEFINES: Mapping[str, int | float] = {
     **IMAGE_DEFINES,
     **{
@@ -75,10 +77,12 @@ SURFACE_DEFINES: Mapping[str, int | float] = {
 
 
 class SurfaceRows(NamedTuple):
-    """What the textures of surfaces hold, (n, 4) float32 each."""
+    """What the textures of surfaces hold, (n, 4) float32 each, and what is in them."""
 
     data: np.ndarray
     images: np.ndarray
+    has_programs: bool
+    """inputs of some material are not constant"""
 
 
 def pack_surfaces(snapshot: SceneSnapshot) -> SurfaceRows:
@@ -111,7 +115,7 @@ def pack_surfaces(snapshot: SceneSnapshot) -> SurfaceRows:
                     1.0,
                     _texels_per_triangle(layer),
                 )
-    return SurfaceRows(rows.gather(), image_rows)
+    return SurfaceRows(rows.gather(), image_rows, any(len(program.rows) for program in programs))
 
 
 class SurfaceData(Shared):
@@ -126,6 +130,8 @@ class SurfaceData(Shared):
                 "surface_data": owned.own(device.upload_array(rows.data)),
                 "surface_images": owned.own(device.upload_array(rows.images)),
             }
+            self.flags = ("PROGRAMS",) * rows.has_programs
+            """of kernels that ask for surfaces"""
             self._owned = owned.pop_all()
 
     def _free(self) -> None:
