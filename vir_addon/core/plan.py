@@ -13,7 +13,7 @@ from .bounds import SceneBounds, compute_bounds
 from .errors import SceneError, UsageError
 from .fit import fit_light
 from .pass_set import unique_pass_names
-from .passes.shadow_maps import MAX_BATCH_VIEWS
+from .passes.shadow_maps import BYTES_PER_TEXEL, MAX_BATCH_VIEWS
 from .reach import Receivers, light_casters, lit_places, may_shadow
 from .reflection_rounds import ReflectionRounds, plan_rounds
 from .reflectors import PlannedReflections, choose_reflectors
@@ -300,15 +300,15 @@ def _plan_light(
         )
     faces, face_count = _likely_faces(snapshot, light, bounds, places_ws, settings.map_resolution_px)
     batch_count = _batch_count(view_count, settings.map_resolution_px, settings.batch_view_count)
+    has_cut_outs = any(snapshot.meshes[index].opacity_map is not None for index in _caster_meshes(snapshot, light))
     # where there are fewer views than batches each batch shows one again
-    map_count = 1 if is_filtered else max(view_count, batch_count)
-    estimates = cost.estimate_methods(snapshot, light, map_count, settings, bounds, faces, batch_count)
+    turns = 1 if view_count == 1 and not has_cut_outs and _may_keep_maps(len(faces), settings) else batch_count
+    estimates = cost.estimate_methods(snapshot, light, max(view_count, turns), settings, bounds, faces, turns)
     if is_filtered:
         look_ups_ms = cost.filter_ms(snapshot, settings, MAX_EYE_SAMPLES)
     else:
         look_up_count = max(view_count, batch_count * _eye_samples_per_batch(view_count, batch_count))
         look_ups_ms = face_count * cost.resolve_ms(snapshot, settings, look_up_count)
-    has_cut_outs = any(snapshot.meshes[index].opacity_map is not None for index in _caster_meshes(snapshot, light))
     if settings.method is Method.AUTO:
         # what the rasterizer draws into splatted maps loses half a texel at every outline, and lace is nothing but outlines
         methods = AUTO_METHODS + GPU_AUTO_METHODS * (settings.hardware is Hardware.GPU)
@@ -337,6 +337,11 @@ def _plan_light(
         map_resolution_px=settings.map_resolution_px,
         predicted_ms=estimates[method] + look_ups_ms,
     )
+
+
+def _may_keep_maps(count: int, settings: Settings) -> bool:
+    """One of each of a light's faces (core/methods/kept_map.py), as far as this light is concerned"""
+    return count * BYTES_PER_TEXEL * settings.map_resolution_px**2 <= settings.replay_buffer_mib << 20
 
 
 def _what_the_method_cannot_do(light: Light, settings: Settings) -> str | None:

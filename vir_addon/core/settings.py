@@ -142,8 +142,8 @@ class Settings:
     filter_sample_count: int = 64
     """pcss: taps of the filter that the blockers' depth decides the width of"""
     replay_buffer_mib: int = 256
-    """memory for what views replay (points, small triangles, maps of pcss) of all lights; what does not fit is processed in portions,
-    or made again when its turn comes"""
+    """memory for what views replay (points, small triangles, maps of pcss and of lights without size) of all lights; what does not fit is
+    processed in portions, or made again when its turn comes"""
     bounces: int | None = None
     """how often light is followed from reflector to reflector; None: as often as the scene calls for, at most twice"""
     reflection_method: ReflectionMethod = ReflectionMethod.AUTO

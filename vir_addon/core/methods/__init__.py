@@ -11,6 +11,7 @@ from .epr import EyeBasedPointRendering
 from .hybrid import HybridRasterization
 from .ivir import ImprovedViewIndependentRasterization
 from .ivir_by_rasterizer import PointsByRasterizer
+from .kept_map import KeptMap
 from .micro import MicroTriangleRasterization
 from .mvr import MultiviewRasterization
 from .pcss import PercentageCloserSoftShadows
@@ -32,6 +33,13 @@ OF_POINTS: dict[Method, Callable[[FaceJob, PointStorage], DepthMapMethod]] = {
 
 
 def depth_map_method(planned: PlannedPass, job: FaceJob) -> DepthMapMethod:
+    method = _method_of_face(planned, job)
+    if planned.view_count > 1 or planned.method is Method.PCSS or method.has_cut_outs:
+        return method
+    return KeptMap(job, method)
+
+
+def _method_of_face(planned: PlannedPass, job: FaceJob) -> DepthMapMethod:
     if planned.method in WITHOUT_CHOICE:
         return WITHOUT_CHOICE[planned.method](job)
     if planned.points is None:

@@ -8,37 +8,29 @@ from __future__ import annotations
 
 from ..passes.percentage_closer import NearestDepth
 from ..passes.shadow_maps import DepthMaps
-from .base import ReplayMethod
+from .base import FaceJob
+from .kept_map import KeptMap
 from .mvr import MultiviewRasterization
 
-BYTES_PER_TEXEL = 8
-"""the map's and the rasterizer's own depth"""
 
+class PercentageCloserSoftShadows(KeptMap):
+    def __init__(self, job: FaceJob) -> None:
+        super().__init__(job, MultiviewRasterization(job))
 
-class PercentageCloserSoftShadows(ReplayMethod, MultiviewRasterization):
     def _prepare(self) -> None:
         self._nearest_depth = self._owned.own(NearestDepth(self.device))
 
-    @property
-    def held_bytes(self) -> int:
-        return BYTES_PER_TEXEL * self.fitted.views.map_width_px * self.fitted.views.map_height_px
-
     def _make(self) -> None:
-        self.kept_maps = DepthMaps(self.device, self.fitted.views.map_width_px, self.fitted.views.map_height_px, 1)
-        self._is_held = True
-        self._draw(self.kept_maps)
-
-    def _free(self) -> None:
-        if self.kept_maps is not None:
-            self.kept_maps.release()
-        self.kept_maps = None
+        super()._make()
+        assert self.kept_maps is not None
+        self._find_nearest(self.kept_maps)
 
     def _fill(self, maps: DepthMaps, selected: range) -> None:
-        if self.has_cut_outs:
-            self._draw(maps)
-        else:
-            self._hold()
+        if not self.has_cut_outs:
+            super()._fill(maps, selected)
+            return
+        self._maker.fill(maps, range(1))
+        self._find_nearest(maps)
 
-    def _draw(self, maps: DepthMaps) -> None:
-        super()._fill(maps, range(1))
+    def _find_nearest(self, maps: DepthMaps) -> None:
         self.nearest_m = max(self._nearest_depth.find(maps), self.fitted.views.near_m)

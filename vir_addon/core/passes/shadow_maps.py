@@ -21,6 +21,7 @@ from .scene_data import SCENE_DEFINES, SCENE_TEXTURES
 
 MAX_BATCH_VIEWS = 8
 """Maps that exist at the same time. More would leave the caches: 64 at once took up to 4 times longer a look-up."""
+BYTES_PER_TEXEL = 4
 MAX_HULL_CORNERS = 8
 MIN_BLEND_COSINE = 1e-7
 """of a spot without blend: float32 tells cosines apart no finer"""
@@ -136,13 +137,19 @@ class DepthMaps:
         self._owned = Owned()
         self.texture: Texture = self._owned.own(device.create_texture(width_px, height_px * view_count, TextureFormat.R32UI))
         self._target: RenderTarget | None = None
+        self._owned_by_target = self._owned.enter_context(Owned())
 
     @property
     def target(self) -> RenderTarget:
         if self._target is None:
-            depth = self._owned.own(self.device.create_texture(self.texture.width, self.texture.height, TextureFormat.DEPTH32F))
-            self._target = self._owned.own(self.device.create_target(self.texture, depth))
+            depth = self._owned_by_target.own(self.device.create_texture(self.texture.width, self.texture.height, TextureFormat.DEPTH32F))
+            self._target = self._owned_by_target.own(self.device.create_target(self.texture, depth))
         return self._target
+
+    def release_target(self) -> None:
+        """When nothing more is drawn, or not for a while."""
+        self._owned_by_target.close()
+        self._target = None
 
     def release(self) -> None:
         self._owned.close()

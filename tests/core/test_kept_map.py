@@ -1,0 +1,129 @@
+"""Lights without size: what all batches show is made once and kept."""
+
+import collections
+
+import numpy as np
+import pytest
+
+from tests.scenes import (
+    area_light,
+    box,
+    bumpy_sphere,
+    floor,
+    perspective_camera,
+    point_light,
+    rectangle,
+    render_passes,
+    snapshot,
+    spot_light,
+    sun_light,
+    with_opacity,
+)
+from vir_addon.core import methods
+from vir_addon.core.methods.ivir import ImprovedViewIndependentRasterization
+from vir_addon.core.methods.micro import MicroTriangleRasterization
+from vir_addon.core.methods.mvr import MultiviewRasterization
+from vir_addon.core.plan import plan
+from vir_addon.core.settings import Method, Settings
+
+WIDTH, HEIGHT = 64, 36
+BATCHES = 8
+HARD = (
+    point_light("Bulb", eye=(0.2, -0.4, 1.6), radius_m=0),
+    spot_light("Beam", eye=(2, -2, 4), radius_m=0),
+    sun_light("Sun", angle_rad=0),
+)
+CLASSES = {
+    Method.MVR: MultiviewRasterization,
+    Method.MICRO: MicroTriangleRasterization,
+    Method.IVIR: ImprovedViewIndependentRasterization,
+}
+
+
+def scene_of(lights, *more_meshes):
+    """A lamp among balls and boxes: it takes several faces."""
+    meshes = [floor(6.0), bumpy_sphere("ball", (0.9, 0.3, 0.7), 0.5, 40), box("box", (-1, 0.6, 0.5), (0.4, 0.4, 0.5))]
+    camera = perspective_camera((0.5, -6.0, 3.5), (0.0, 0.0, 0.5), WIDTH, HEIGHT)
+    return snapshot([*meshes, *more_meshes], lights, camera, WIDTH, HEIGHT)
+
+
+def rendered_and_counted(scene, device, monkeypatch, method, map_resolution_px=256, **settings):
+    """Passes, and how often each light's method has filled each of its faces' maps: light name -> [count]"""
+    fill = CLASSES[method]._fill
+    counts = collections.defaultdict(collections.Counter)
+    lights = {}
+
+    def counting(self, maps, selected):
+        counts[lights[id(self.fitted.views)]][self.fitted.views.face.index] += 1
+        fill(self, maps, selected)
+
+    make = methods._method_of_face
+
+    def noting(planned, job):
+        lights[id(job.fitted.views)] = planned.light_name
+        return make(planned, job)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(CLASSES[method], "_fill", counting)
+        patched.setattr(methods, "_method_of_face", noting)
+        passes = render_passes(scene, device, method=method, map_resolution_px=map_resolution_px, **settings)
+    return passes, {name: list(of_faces.values()) for name, of_faces in counts.items()}
+
+
+@pytest.mark.parametrize("method", CLASSES)
+def test_one_map_a_face(device, monkeypatch, method):
+    scene = scene_of([*HARD, area_light("Key", eye=(-2, -2, 5))])
+    passes, counts = rendered_and_counted(scene, device, monkeypatch, method, view_count=64)
+    assert set(counts["Key"]) == {BATCHES}
+    assert len(counts["Bulb"]) > 1
+    for light in HARD:
+        assert set(counts[light.name]) == {1}
+    # as with maps made in every batch
+    monkeypatch.setattr(methods, "KeptMap", lambda job, maker: maker)
+    made_again, counts = rendered_and_counted(scene, device, monkeypatch, method, view_count=64)
+    for light in HARD:
+        assert set(counts[light.name]) == {BATCHES}
+    for name, image in passes.items():
+        np.testing.assert_array_equal(image, made_again[name])
+        assert np.ptp(image) > 0.5
+
+
+def test_maps_are_let_go_of_where_there_is_no_memory(device, monkeypatch):
+    """One of 512 x 512 takes 1 MiB."""
+    arguments = {"monkeypatch": monkeypatch, "method": Method.MVR, "map_resolution_px": 512}
+    (passes, kept), (scarce, dropped) = (
+        rendered_and_counted(scene_of(HARD), device, replay_buffer_mib=mib, **arguments) for mib in (256, 2)
+    )
+    made_once, made_again = (sum(sum(of_faces) for of_faces in counts.values()) for counts in (kept, dropped))
+    assert made_once == sum(len(of_faces) for of_faces in kept.values())
+    assert made_once < made_again < BATCHES * made_once
+    for name, image in passes.items():
+        np.testing.assert_array_equal(image, scarce[name])
+
+
+def test_cut_outs_are_made_for_every_batch(device, monkeypatch):
+    """Each has thresholds of its own."""
+    pane = rectangle("pane", (-0.5, -1.5, 1.8), (1, 0, 0), (0, 1, 0))
+    pane = with_opacity(pane, np.full((2, 2), 0.5), [(0, 0), (1, 0), (1, 1), (0, 1)])
+    passes, counts = rendered_and_counted(scene_of([HARD[2]], pane), device, monkeypatch, Method.MVR)
+    assert counts["Sun"] == [BATCHES]
+    shares = next(image for name, image in passes.items() if "Sun" in name)
+    assert (np.abs(shares - 0.5) < 1e-5).any()
+
+
+def test_plan_forecasts_one_map():
+    """What a kept map takes does not grow with the batches; beyond its memory, and with cut-outs, it is made for each."""
+    pane = rectangle("pane", (-0.5, -1.5, 1.8), (1, 0, 0), (0, 1, 0))
+    pane = with_opacity(pane, np.full((2, 2), 0.5), [(0, 0), (1, 0), (1, 1), (0, 1)])
+
+    def maps_ms(*meshes, **settings):
+        """Look-ups are the same with other triangles, and so is what is neither."""
+        (line,) = plan(scene_of([HARD[0]], *meshes), Settings(method=Method.MVR, map_resolution_px=2048, **settings)).passes
+        (bare,) = plan(scene_of([HARD[0]]), Settings(method=Method.MVR, map_resolution_px=16, **settings)).passes
+        assert line.view_count == 1
+        return line.predicted_ms - bare.predicted_ms
+
+    kept = maps_ms(replay_buffer_mib=256)
+    assert kept > 0
+    assert 4 * kept < maps_ms(replay_buffer_mib=1)
+    assert 4 * kept < maps_ms(pane, replay_buffer_mib=256)
