@@ -361,7 +361,6 @@ blender.unregister()  # as Blender does when it quits
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("with_gpu", [False, True], ids=["without gpu.init", "with gpu.init"])
 def test_beside_blenders_own_graphics(animated, tmp_path, with_gpu):
     """What a farm runs, in a process of its own: Blender's context must neither be needed nor harmed."""

@@ -17,8 +17,6 @@ from vir_addon.blender.preview import running  # noqa: E402
 from vir_addon.blender.stepped_render import SteppedRender  # noqa: E402
 from vir_addon.device.open import open_device  # noqa: E402
 
-pytestmark = pytest.mark.slow  # CI has twenty minutes
-
 
 @pytest.fixture(scope="module", autouse=True)
 def gpu():
@@ -141,7 +139,7 @@ def test_nothing_is_left_of_an_extension_that_was_enabled_twice_and_did_all_it_c
         assert not any(bpy.app.timers.is_registered(function) for function in functions_of_the_extension())
 
 
-@pytest.mark.parametrize("turns", [2, 10])
+@pytest.mark.parametrize("turns", [2, pytest.param(10, marks=pytest.mark.slow)])
 def test_a_preview_that_comes_and_goes_again_and_again(room, window, living, running_threads, turns):
     with enabled(room):
         hidden = []

@@ -161,7 +161,7 @@ def wait_for(render, seconds=60.0):
         time.sleep(0.005)
 
 
-@pytest.mark.parametrize("device", ["moderngl", pytest.param("gpu", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("device", ["moderngl", "gpu"])
 def test_cancelling_keeps_what_was_there_and_frees_the_device(room, device):
     if device == "gpu" and bpy.app.version < (5, 2):
         pytest.skip("Blender's module works in background from 5.2 on")

@@ -23,8 +23,6 @@ from vir_addon.core.sampling import light_samples, sample_weights  # noqa: E402
 from vir_addon.core.scene import Light, LightShape, SceneSnapshot  # noqa: E402
 from vir_addon.device.open import open_device  # noqa: E402
 
-pytestmark = pytest.mark.slow  # CI has twenty minutes
-
 SPACING_M = 1.25
 TILT_RAD = 0.9
 SAMPLE_COUNT = 512

@@ -35,7 +35,7 @@ def settled_shares(scene, device, **settings):
 
 
 @pytest.mark.parametrize("view_count", [64, pytest.param(128, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", ["sphere", "room", *(pytest.param(each, marks=pytest.mark.slow) for each in ("leaves", "low light"))])
+@pytest.mark.parametrize("name", ["sphere", "room", "leaves", "low light"])
 def test_shortcut_changes_little(device, name, view_count):
     scene = scene_named(name)
     arguments = {"method": Method.MICRO, "view_count": view_count, "map_resolution_px": 512}

@@ -60,7 +60,7 @@ def test_ground_of_folds_is_lit(device):
         ("sphere on a floor", 0.001, 0.003),
         ("coarse sphere, flat", 0.001, 0.01),
         ("coarse sphere, smooth", 0.001, 0.004),
-        pytest.param("fine sphere, flat", 0.001, 0.01, marks=pytest.mark.slow),
+        ("fine sphere, flat", 0.001, 0.01),
     ],
 )
 def test_what_is_seen_edge_on_does_not_shadow_itself(device, name, of_mvr, of_ivir):

@@ -22,8 +22,6 @@ from vir_addon.core.errors import UsageError
 from vir_addon.core.plan import check_device, plan
 from vir_addon.core.settings import Method, PointGeneration, PointStorage, Settings
 
-pytestmark = pytest.mark.slow  # a variant to compare with; CI has twenty minutes
-
 COMPUTE, RASTERIZER = PointGeneration.COMPUTE, PointGeneration.RASTERIZER
 
 
@@ -61,7 +59,7 @@ def test_the_same_texels_are_covered(rasterizing_device, name, map_px, storage, 
     np.testing.assert_allclose(rasterizer, compute, rtol=1e-6)
 
 
-@pytest.mark.parametrize("storage", PointStorage)
+@pytest.mark.parametrize("storage", [PointStorage.BUFFERED, pytest.param(PointStorage.BUFFERLESS, marks=pytest.mark.slow)])
 def test_passes_and_counts_agree(rasterizing_device, storage):
     """Of a light with one face, one with parallel views and one with a cube."""
     scene = lit_leaves(sun_light("Sun"), point_light("Lamp", eye=(0.2, 0.1, 1.5), radius_m=0.1))
@@ -79,6 +77,7 @@ def test_passes_and_counts_agree(rasterizing_device, storage):
     assert rmse(*images) <= 0.002
 
 
+@pytest.mark.slow
 def test_portions_make_the_same_picture(rasterizing_device):
     check_portions(made("room"), rasterizing_device, 4, method=Method.IVIR, point_generation=RASTERIZER, view_count=8)
 

@@ -101,7 +101,7 @@ def test_maps_have_no_holes(device, name, storage):
         assert deeper / counted <= 0.003 if name != "leaves" else deeper / counted <= 0.02
 
 
-@pytest.mark.parametrize("name", ["sphere", pytest.param("room", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["sphere", "room"])
 def test_passes_agree(device, name):
     scene = made(name)
     error = error_against_rasterization(scene, device, Method.IVIR, map_resolution_px=1024)
@@ -136,7 +136,6 @@ def test_portions_make_the_same_picture(device):
     check_portions(made("room"), device, 4, method=Method.IVIR)
 
 
-@pytest.mark.slow
 def test_many_small_triangles_in_portions_make_the_same_picture(device):
     check_portions(made("leaves"), device, 1, method=Method.IVIR)
 

@@ -122,7 +122,7 @@ def test_culled_clouds_leave_no_holes_and_move_outlines_by_less_than_a_sample(de
         first += 6 * side**2
 
 
-@pytest.mark.parametrize(("rows", "share"), [pytest.param(24, 0.02, marks=pytest.mark.slow), (120, 0.1)])
+@pytest.mark.parametrize(("rows", "share"), [(24, 0.02), (120, 0.1)])
 def test_pictures_are_those_of_rasterized_cubes(device, rows, share):
     """Also of balls of which most triangles are left out."""
     scene = room_with_balls(rows)
@@ -135,7 +135,7 @@ def test_pictures_are_those_of_rasterized_cubes(device, rows, share):
         assert rmse(image, truth) < share * truth.std()
 
 
-@pytest.mark.parametrize("method", [ReflectionMethod.EPR, pytest.param(ReflectionMethod.IVIR, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("method", [ReflectionMethod.EPR, ReflectionMethod.IVIR])
 def test_the_same_cloud_in_every_run_and_in_any_number_of_portions(device, method, monkeypatch):
     """Portion by portion and cube by cube, so that a caller can draw or stop in between."""
     scene = room_with_balls(rows=90)

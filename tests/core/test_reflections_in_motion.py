@@ -35,8 +35,10 @@ def finely_divided(wall, count):
     return Mesh(wall.name, positions.astype(np.float32), triangles.astype(np.int32))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("method", "count", "choices"), [(ReflectionMethod.MVR, 50, {}), (ReflectionMethod.EPR, 200, SPARSE)])
+@pytest.mark.parametrize(
+    ("method", "count", "choices"),
+    [(ReflectionMethod.MVR, 50, {}), pytest.param(ReflectionMethod.EPR, 200, SPARSE, marks=pytest.mark.slow)],
+)
 def test_reflections_flicker_hardly_more_than_rays_of_each_frame_do(device, method, count, choices):
     """A degree in twenty steps around a mirror sphere in a coloured box of fine triangles: edges move over as many pixels as they should,
     and over each of them once. One pixel in two thousand a frame may change back, one in two hundred where the map's size does."""

@@ -43,12 +43,17 @@ def both(device_called):
     return [device_called(name) for name in DEVICE_NAMES]
 
 
-REPEATED_ON_THE_SECOND_DEVICE = ("test_cut_outs.py", "test_materials.py", "test_memory.py", "test_progressive.py")
-"""what belongs to the first device's passes; test_parity.py and test_devices.py hold the second one to it"""
+LONG_ON_BOTH_DEVICES = (
+    "test_checkered_card",
+    "test_checkered_card_in_splatted_maps",
+    "test_other_methods_draw_the_same_cut_outs",
+    "test_panes_let_their_share_through",
+)
+"""what belongs to the first device's passes; test_devices_draw_the_same_cut_outs holds the second one to it"""
 
 
 def pytest_collection_modifyitems(items):
     """CI has twenty minutes."""
     for item in items:
-        if item.path.name in REPEATED_ON_THE_SECOND_DEVICE and "[gpu" in item.name:
+        if item.originalname in LONG_ON_BOTH_DEVICES and "[gpu" in item.name:
             item.add_marker(pytest.mark.slow)
