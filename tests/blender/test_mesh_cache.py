@@ -9,6 +9,7 @@ bpy = pytest.importorskip("bpy")
 
 from tests.blender.test_material_opacity import Nodes, square  # noqa: E402  (bpy decides whether this file runs)
 from tests.blender.test_material_surface import saved_image  # noqa: E402
+from vir_addon.blender import image_cache  # noqa: E402
 from vir_addon.blender.extract import SceneReading, snapshot  # noqa: E402
 from vir_addon.blender.mesh_cache import MeshCache  # noqa: E402
 from vir_addon.core.material_program import sampled_images  # noqa: E402
@@ -282,8 +283,19 @@ def test_images_are_read_again_when_they_have_changed(watched, pictures, change,
     assert (after.world is before.world) == (after.world.image.texels is before.world.image.texels)
 
 
-def test_one_image_is_read_where_time_is_over(watched, pictures):
-    """And made into texels elsewhere."""
+def test_small_images_do_not_interrupt_the_walk(watched, pictures, monkeypatch):
+    watched.take(with_materials=True)
+    assert watched.images_read[0] == 2  # the world's comes after the surfaces
+    monkeypatch.setattr(image_cache, "SMALL_PX", 63)
+    watched.cache = MeshCache()
+    watched.take(with_materials=True)
+    assert watched.images_read[:2] == [1, 2]
+
+
+@pytest.mark.parametrize("small_px", [63, 64])
+def test_one_image_is_read_where_time_is_over(watched, pictures, monkeypatch, small_px):
+    """And made into texels elsewhere, where it is large."""
+    monkeypatch.setattr(image_cache, "SMALL_PX", small_px)
     taken = watched.take(0.0, with_materials=True)
     assert np.diff(watched.images_read, prepend=0).max() == 1 and watched.cache.images.read_count == 3
     for cached, read in zip(look_of(taken), look_of(snapshot(bpy.context.evaluated_depsgraph_get(), with_materials=True)), strict=True):

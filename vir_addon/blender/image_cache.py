@@ -15,6 +15,10 @@ from .image_texels import Channel, ImagePixels, colors_of, take_pixels, texels_o
 
 Result = TypeVar("Result")
 
+SMALL_PX = 512 * 512
+"""of an image whose texels are made at once, in some ten milliseconds: waiting for others to make them costs finding the place in the scene
+again, for every image"""
+
 
 class OutOfTimeError(Exception):
     """There is no time left to read a mesh or an image; what was read is kept."""
@@ -27,8 +31,8 @@ class ImageCache:
     """
 
     def __init__(self, begin_reading: Callable[[], None] | None = None) -> None:
-        """begin_reading: of who has little time. Called before pixels are asked for, it may raise OutOfTimeError; then only these are read,
-        and OutOfTimeError is raised until `host_work` is done."""
+        """begin_reading: of who has little time. Called before pixels are asked for, it may raise OutOfTimeError; of images
+        that are not small only these are read then, and OutOfTimeError is raised until `host_work` is done."""
         self._begin_reading = begin_reading
         self._read: dict[int, dict[Hashable, Any]] = {}
         """session_uid -> what was read of the image, by what was asked"""
@@ -55,7 +59,7 @@ class ImageCache:
                 self._begin_reading()
             taken = take_pixels(image, is_color=is_color)
             self.read_count += 1
-            if self._begin_reading is not None:
+            if self._begin_reading is not None and taken.width_px * taken.height_px > SMALL_PX:
                 # if the image changes meanwhile, nobody will look there
                 self._work = partial(_make_known, known, key, make, taken)
                 raise OutOfTimeError
