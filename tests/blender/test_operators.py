@@ -2,6 +2,7 @@
 
 import time
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -10,8 +11,10 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from vir_addon import blender  # noqa: E402  (bpy decides whether this file runs)
-from vir_addon.blender import devices, frame_state, job, operators, panels  # noqa: E402
+import bmesh  # noqa: E402  (bpy decides whether this file runs)
+
+from vir_addon import blender  # noqa: E402
+from vir_addon.blender import devices, frame_state, job, operators, panels, report_file  # noqa: E402
 from vir_addon.blender.images import scene_images  # noqa: E402
 from vir_addon.blender.properties import settings_of  # noqa: E402
 from vir_addon.blender.stepped_render import SteppedRender  # noqa: E402
@@ -143,6 +146,34 @@ def test_the_report_is_one_whole_page(room):
     for words in ("VIR Shadow Key", "casts no shadow", "resolve", "data:image/png;base64,"):
         assert words in page
     assert "http" not in page, "the page must not need the network"
+
+
+def test_a_report_that_cannot_be_written_is_said(room, monkeypatch):
+    bpy.ops.vir.render()
+    blocked = Path(bpy.app.tempdir, "vir_blocked")
+    blocked.write_text("a file where a folder has to be")
+    monkeypatch.setattr(report_file, "file_name_part", lambda _: "blocked/page")
+    refuse(bpy.ops.vir.open_report, "cannot write .*vir_blocked")
+    blocked.unlink()
+    assert frame_state.state_of(room).statistics and scene_images(room.name)
+    bpy.ops.vir.render()
+    assert not frame_state.state_of(room).problem
+
+
+def test_vertices_that_are_being_edited_cast_shadows(room):
+    bpy.ops.vir.render()
+    before = pixels_of(bpy.data.images["VIR Shadow"])
+    cube = bpy.data.objects["Cube"]
+    bpy.context.view_layer.objects.active = cube
+    bpy.ops.object.mode_set(mode="EDIT")
+    edited = bmesh.from_edit_mesh(cube.data)
+    for vertex in edited.verts:
+        vertex.co.z += 1.0
+    bmesh.update_edit_mesh(cube.data)
+    bpy.ops.vir.render()
+    assert cube.mode == "EDIT"
+    assert np.abs(pixels_of(bpy.data.images["VIR Shadow"]) - before).max() > 0.1
+    bpy.ops.object.mode_set(mode="OBJECT")
 
 
 def test_a_light_deleted_while_it_renders_changes_nothing(room):
