@@ -158,7 +158,8 @@ class ReflectionWork:
                 waiting[np.concatenate([each.instances for each in self.planned.waiting])] = True
                 hits = SeenPlaces([self.read_hits(hits)[0] for part in self.hits for hits in part[:-1]], waiting, len(self.hits))
             settings = memory_for_maps(self.device, self.plan.settings)
-            planned = with_met(self.planned, self.scene_data.snapshot, self.plan.bounds, settings, hits)
+            met = self.planned, self.scene_data.snapshot, self.plan.bounds, settings, hits
+            planned: PlannedReflections = yield stopwatch.host_work("fit", with_met, *met)
             if planned is self.planned:
                 break
             self._use(planned, self.maps)

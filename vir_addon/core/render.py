@@ -200,8 +200,8 @@ class Renderer:
     def _count_views(self) -> int:
         return sum(planned.view_count for planned in self._planned_lights().values()) or self.plan.batch_count * self.reflects
 
-    def _positions_seen(self, eye: EyePass) -> list[np.ndarray]:
-        """(height, width, 4) each, of the first eye samples, those of the first batch first: what is thinner than a pixel is missed by
+    def _seeing_positions(self, eye: EyePass) -> Generator[HostWork | None, Any, list[np.ndarray]]:
+        """Returns (height, width, 4) each, of the first eye samples, those of the first batch first: what is thinner than a pixel is missed by
         most of them. Leaves the first batch's in the eye's buffers."""
         batch_count = min(-(-LEAST_SEEN_SAMPLES // self.plan.eye_samples_per_batch), self.plan.batch_count)
         positions: list[np.ndarray] = []
@@ -209,14 +209,19 @@ class Renderer:
             self._render_eye(eye, batch)
             with self.stopwatch.stage("read-back"):
                 positions = [*(self.device.read(buffer.positions) for buffer in eye.buffers), *positions]
+            yield None
         return positions
 
-    def _seen_reflectors(self, positions: list[np.ndarray]) -> PlannedReflections:
-        """Reflections as some eye samples call for them."""
+    def _finding_reflectors(self, positions: list[np.ndarray]) -> Generator[HostWork | None, Any, PlannedReflections]:
+        """Returns reflections as some eye samples call for them."""
         snapshot, bounds = self.snapshot, self.plan.bounds
-        seen = SeenPlaces(positions, reflecting_instances(snapshot), len(positions))
         settings = memory_for_maps(self.device, self.plan.settings)
-        found = choose_reflectors(snapshot, bounds, settings, instances_in_picture(snapshot, bounds), seen)
+
+        def choose() -> PlannedReflections:
+            seen = SeenPlaces(positions, reflecting_instances(snapshot), len(positions))
+            return choose_reflectors(snapshot, bounds, settings, instances_in_picture(snapshot, bounds), seen)
+
+        found: PlannedReflections = yield self.stopwatch.host_work("fit", choose)
         if settings != self.plan.settings and any(SMALLER in each.reason for each in found.reflectors):
             self.statistics.notes.append(
                 f"reflectors' maps are smaller than asked: the device's largest texture holds {settings.reflection_map_mib} MiB of them"
@@ -261,16 +266,18 @@ class Renderer:
         self.works = []
         planned_lights = self._planned_lights().values()
         new = [planned for planned in planned_lights if planned.light_name not in shared]
-        if new or not shared:
+        seen: list[np.ndarray] = []
+        if self.reflects:
+            seen = yield from self._seeing_positions(eye)
+        elif new or not shared:
             self._render_eye(eye, 0)
             yield None
-        seen = self._positions_seen(eye) if self.reflects else []
         if new or self.reflects:
             with self.stopwatch.stage("read-back"):
                 positions = seen[0] if seen else self.device.read(eye.buffers[0].positions)
                 normals = self.device.read(eye.buffers[0].normals)
         if self.reflects:
-            in_sight = self._seen_reflectors(seen)
+            in_sight = yield from self._finding_reflectors(seen)
             self.reflects = in_sight.runs
             if self.reflects:
                 positions, normals = yield from self._preparing_reflections(in_sight, scene_data, eye, seen, normals)
@@ -301,7 +308,7 @@ class Renderer:
     ) -> Generator[HostWork | None, Any, tuple[np.ndarray, np.ndarray]]:
         """Returns positions and normals of what lights are to be fitted to: what is in the picture of passes, and what reflectors show.
 
-        seen: positions of `_positions_seen`; normals: of the first of them
+        seen: positions of `_seeing_positions`; normals: of the first of them
         """
         if self.surfaces is None:
             rows = yield self.stopwatch.host_work("upload", pack_surfaces, self.snapshot)
