@@ -25,7 +25,7 @@ from vir_addon.core.errors import SceneError, UsageError
 from vir_addon.core.plan import AUTO_METHODS, plan, settings_for
 from vir_addon.core.render import render
 from vir_addon.core.scene import Mesh
-from vir_addon.core.settings import Hardware, Method, PointStorage, Settings
+from vir_addon.core.settings import Hardware, Method, PointGeneration, PointStorage, Settings
 
 WIDTH, HEIGHT = 48, 27
 
@@ -360,6 +360,15 @@ def test_what_does_not_fit_into_its_memory_costs_more(method):
     assert made_again > 1.2 * kept
     ample, scarce = (planned(scene, method=Method.MVR, replay_buffer_mib=mib).predicted_ms for mib in (64, 1))
     assert scarce == ample
+
+
+def test_what_the_rasterizer_takes_for_points_is_predicted():
+    """For triangles of a few points several times what the kernels take."""
+    camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
+    scene = snapshot([floor(4.0), bumpy_sphere("ball", (0, 0, 1.0), 1.0, 100)], [area_light()], camera, WIDTH, HEIGHT)
+    choices = {"method": Method.IVIR, "map_resolution_px": 256, "view_count": 1}
+    by_kernels, by_rasterizer = (planned(scene, point_generation=each, **choices).predicted_ms for each in PointGeneration)
+    assert 2 * by_kernels < by_rasterizer < 8 * by_kernels
 
 
 def test_culling_triangles_far_below_a_texel_is_predicted():

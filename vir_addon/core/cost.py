@@ -16,7 +16,7 @@ import numpy as np
 from .bounds import SceneBounds
 from .passes.reflection_maps import ReflectionMap
 from .scene import Light, LightShape, SceneSnapshot
-from .settings import Hardware, Method, PointStorage, ReflectionMethod, Settings
+from .settings import Hardware, Method, PointGeneration, PointStorage, ReflectionMethod, Settings
 
 if TYPE_CHECKING:
     from .reflectors import PlannedReflections
@@ -66,6 +66,10 @@ class Rates:
     generate_triangle: float
     """ivir's walk over all triangles"""
     generate_point: float
+    lattice_triangle: float
+    """that faces the light, where the rasterizer makes the points: what it takes longer than the kernel"""
+    lattice_point: float
+    """likewise"""
     splat_point: float
     """of those generated, a view"""
     clear_texel: float
@@ -94,6 +98,8 @@ RATES = {
         small_texel=18.0,
         generate_triangle=80.0,
         generate_point=90.0,
+        lattice_triangle=1900.0,
+        lattice_point=90.0,
         splat_point=22.0,
         clear_texel=1.0,
         look_up=14.0,
@@ -114,6 +120,9 @@ RATES = {
         small_texel=0.05,
         generate_triangle=1.0,
         generate_point=0.3,
+        # not measured on one: twice as long
+        lattice_triangle=1.0,
+        lattice_point=0.3,
         splat_point=0.3,
         clear_texel=0.01,
         look_up=0.7,
@@ -323,8 +332,10 @@ def estimate_methods(
         points = share * float((facing * point_counts)[becomes_points].sum())
         is_kept = settings.points is PointStorage.BUFFERED and points * POINT_BYTES <= budget_bytes
         generations = 1 if is_kept else batch_count
-        walk_ns = generations * (triangles * rates.generate_triangle + points * rates.generate_point)
-        return walk_ns + view_count * (points * rates.splat_point + texels * rates.clear_texel)
+        walk_ns = triangles * rates.generate_triangle + points * rates.generate_point
+        if settings.point_generation is PointGeneration.RASTERIZER:
+            walk_ns += float(facing[becomes_points].sum()) * rates.lattice_triangle + points * rates.lattice_point
+        return generations * walk_ns + view_count * (points * rates.splat_point + texels * rates.clear_texel)
 
     few_points = point_counts <= settings.small_triangle_points
     hybrid_ns = points_ns(few_points) + view_count * rasterized_ns(facing * ~few_points)
