@@ -85,6 +85,13 @@ def test_the_panel_can_say_what_the_plan_decided(room):
     assert planned.startswith("16 views, ~") and 0.0 < float(planned.rpartition(" error ~")[2]) < float(made.rpartition(" ")[2])
 
 
+def test_long_names_of_lights_have_the_room_that_is_left():
+    short, long, longest = (panels.name_share(name, "1 view, ~3.1 s", 40.0) for name in ("Key", "Bulb over the door", "x" * 60))
+    assert short == panels.NAME_SHARE < long < longest < 1.0
+    assert 40.0 * (1.0 - longest) >= len("1 view, ~3.1 s")
+    assert panels.name_share("x" * 60, "64 views, 0.8 s, error 0.006", 30.0) == panels.NAME_SHARE
+
+
 def test_what_was_moved_and_not_keyed_stays(room):
     cube, key = bpy.data.objects["Cube"], bpy.data.lights["Key"]
     cube['vir "test"'] = 1.0

@@ -22,7 +22,9 @@ LETTER_WIDTH_PX = 6.5
 """of Blender's interface font at scale 1, on average"""
 FEWEST_LETTERS = 24
 NAME_SHARE = 0.38
-"""of a light's row"""
+"""of a light's row, at least"""
+ICON_LETTERS = 4
+"""that would fit in an icon's place"""
 LIST_MARGIN_PX = 90.0
 """beside that and what was decided, at scale 1: tabs, borders, the box to tick"""
 METHOD_PROPERTIES = {
@@ -43,18 +45,25 @@ class VIR_UL_lights(bpy.types.UIList):
     ) -> None:
         row = layout.row(align=True)
         row.prop(item.data.vir, "use_pass", text="")
-        split = row.split(factor=NAME_SHARE, align=True)
+        letters = _letters_across(context, LIST_MARGIN_PX)
+        decision = decision_text(state_of(context.scene), item.name, int(letters * (1.0 - NAME_SHARE)))
+        split = row.split(factor=name_share(item.name, decision, letters), align=True)
         split.label(text=item.name, translate=False, icon=LIGHT_ICONS.get(item.data.type, "LIGHT"))
         text = split.row()
         text.active = item.data.vir.use_pass
-        letter_count = int(_letters_across(context, LIST_MARGIN_PX) * (1.0 - NAME_SHARE))
-        text.label(text=decision_text(state_of(context.scene), item.name, letter_count), translate=False)
+        text.label(text=decision, translate=False)
 
     def filter_items(self, context: Any, data: Any, property_name: str) -> tuple[list[int], list[int]]:
         objects = getattr(data, property_name)
         wanted = self.filter_name.casefold()
         shown = [self.bitflag_filter_item if item.type == "LIGHT" and wanted in item.name.casefold() else 0 for item in objects]
         return shown, bpy.types.UI_UL_list.sort_items_by_name(objects, "name")
+
+
+def name_share(name: str, decision: str, letter_count: float) -> float:
+    """Of a row that so many letters fit into: what a long name needs, as far as what was decided leaves room for it."""
+    wanted = (len(name) + ICON_LETTERS) / letter_count
+    return max(NAME_SHARE, min(wanted, 1.0 - (len(decision) + 1) / letter_count))
 
 
 class VIR_UL_reflectors(bpy.types.UIList):

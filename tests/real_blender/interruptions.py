@@ -1,0 +1,155 @@
+"""What artists do in the middle of things: edit a mesh, render, disable the extension while the preview runs. A hundred lights."""
+
+import importlib
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).parent))
+
+import bmesh
+import bpy
+from driver import FOLDER, MODULE, Steps, press, redraw, run, screenshot, show_panel, view, wait_until
+
+LIGHT_COUNT = 100
+
+
+def blender_side(name: str):
+    """A module of the extension; another one after it was disabled and enabled."""
+    return importlib.import_module(f"{MODULE}.vir_addon.blender.{name}")
+
+
+def shown() -> list:
+    return list(blender_side("preview.running")._running.viewports.values())
+
+
+def finish(what: str) -> Steps:
+    yield 0.5
+    yield from wait_until(lambda: shown() and not any(one.is_busy for one in shown()), what, 400)
+    for one in shown():
+        print(f"{what}: {blender_side('preview.running').status_text(one)}", flush=True)
+        assert not one.problem and one.preview.picture is not None
+
+
+def is_rendering() -> bool:
+    return any(operator.bl_idname == "VIR_OT_render" for operator in bpy.context.window_manager.windows[0].modal_operators)
+
+
+def passes() -> list[str]:
+    return sorted(image.name for image in bpy.data.images if image.get("vir_pass"))
+
+
+def set_up() -> Steps:
+    scene = bpy.context.scene
+    bpy.ops.mesh.primitive_plane_add(size=12, location=(0, 0, -1))
+    bpy.data.objects["Light"].data.shadow_soft_size = 0.5
+    scene.vir.view_count, scene.vir.map_resolution_px = 16, 256
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 480, 270, 100
+    scene.render.engine = "BLENDER_WORKBENCH"
+    bpy.ops.object.select_all(action="DESELECT")
+    yield from press("NUMPAD_0")
+    yield 1.0
+    yield from show_panel()
+    scene.vir.use_preview = True
+    yield from finish("on")
+
+
+def edit() -> Steps:
+    """The preview follows vertices that are dragged in Edit Mode, and passes are made of what is there."""
+    cube = bpy.data.objects["Cube"]
+    bpy.context.view_layer.objects.active = cube
+    with bpy.context.temp_override(**view()):
+        bpy.ops.object.mode_set(mode="EDIT")
+    yield from finish("Edit Mode")
+    before = shown()[0].preview.render.snapshot
+    edited = bmesh.from_edit_mesh(cube.data)
+    for vertex in edited.verts:
+        vertex.co.z += 0.8
+    bmesh.update_edit_mesh(cube.data)
+    yield from finish("vertices moved")
+    after = shown()[0].preview.render.snapshot
+    assert [mesh.positions_os.max() for mesh in before.meshes] != [mesh.positions_os.max() for mesh in after.meshes]
+    yield from screenshot("1_edit_mode")
+    with bpy.context.temp_override(**view()):
+        bpy.ops.vir.render()
+    assert passes() == ["VIR Shadow", "VIR Shadow Light"] and cube.mode == "EDIT"
+    with bpy.context.temp_override(**view()):
+        bpy.ops.object.mode_set(mode="OBJECT")
+    yield from finish("Object Mode")
+
+
+def render_while_previewing() -> Steps:
+    """The preview waits for a render of passes and for F12, and goes on."""
+    scene = bpy.context.scene
+    bpy.data.objects["Cube"].location.x = 0.5
+    yield 0.2
+    with bpy.context.temp_override(**view()):
+        bpy.ops.vir.render("INVOKE_DEFAULT")
+    yield from wait_until(lambda: not is_rendering(), "the passes are rendered", 400)
+    yield from finish("after Render Passes")
+    with bpy.context.temp_override(**view()):
+        bpy.ops.vir.add_to_compositor()
+    scene.vir.use_on_render = True
+    for device in ("MODERNGL", "GPU"):
+        scene.vir.device = device
+        bpy.data.objects["Cube"].location.x += 0.2
+        yield 0.2
+        yield from press("F12")
+        yield from wait_until(lambda: bpy.app.is_job_running("RENDER"), "F12 renders", 60)
+        yield from wait_until(lambda: not bpy.app.is_job_running("RENDER"), "F12 ends", 400)
+        assert not blender_side("frame_state").state_of(scene).problem
+        while len(bpy.context.window_manager.windows) > 1:
+            with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
+                bpy.ops.wm.window_close()
+            yield 0.3
+        yield from finish(f"after F12, {device}")
+    scene.vir.use_on_render, scene.vir.device = False, "AUTO"
+
+
+def disable_while_it_works() -> Steps:
+    """A preview halfway and passes being rendered: both end, nothing is left, and both work when it is enabled again."""
+    scene = bpy.context.scene
+    scene.vir.view_count = 1024
+    with bpy.context.temp_override(**view()):
+        bpy.ops.vir.render("INVOKE_DEFAULT")
+    yield 1.0
+    assert is_rendering()
+    bpy.ops.preferences.addon_disable(module=MODULE)
+    yield 1.0
+    assert not is_rendering() and not hasattr(scene, "vir")
+    left = [thread.name for thread in __import__("threading").enumerate() if "vir" in thread.name]
+    assert not left, left
+    yield from screenshot("2_disabled")
+    bpy.ops.preferences.addon_enable(module=MODULE)
+    assert scene.vir.use_preview and scene.vir.view_count == 1024, "settings were lost"
+    scene.vir.view_count = 16
+    redraw()
+    yield from finish("enabled again")
+
+
+def many_lights() -> Steps:
+    """Planned, listed and shown."""
+    scene = bpy.context.scene
+    scene.vir.use_preview = False
+    for number in range(LIGHT_COUNT):
+        light = bpy.data.objects.new(f"Bulb {number:03d}", bpy.data.lights.new(f"Bulb {number:03d}", "POINT"))
+        light.location = (number % 10 - 5.0, number // 10 - 5.0, 3.0)
+        light.data.energy = 5.0
+        scene.collection.objects.link(light)
+    with bpy.context.temp_override(**view()):
+        bpy.ops.vir.plan()
+    yield from screenshot("3_many_lights")
+    scene.vir.use_preview = True
+    yield from finish("many lights")
+    yield from screenshot("4_many_lights_previewed")
+
+
+def steps() -> Steps:
+    yield from set_up()
+    yield from edit()
+    yield from render_while_previewing()
+    yield from disable_while_it_works()
+    yield from many_lights()
+    bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "interruptions.blend"))
+
+
+run(steps)
