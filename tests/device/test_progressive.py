@@ -61,7 +61,7 @@ def drawn(progressive: ProgressiveRender) -> np.ndarray:
 @pytest.mark.parametrize("budget_s", [0.0, 0.02, 60.0])
 def test_it_ends_with_the_passes_of_a_render(device, progressive, budget_s):
     scene = view()
-    passes = render_passes(scene, device, **OPTIONS)
+    passes = render_passes(scene, device, **OPTIONS)  # which compiles what it takes
     progressive.show(scene, SETTINGS)
     calls = finish(progressive, budget_s)
     # how many there are of a budget between depends on the machine
@@ -74,6 +74,24 @@ def test_it_ends_with_the_passes_of_a_render(device, progressive, budget_s):
         assert not progressive.is_done
         assert progressive.advance(0.0) and progressive.is_done
         np.testing.assert_allclose(drawn(progressive), passes[f"VIR Shadow {light_name}" if light_name else "VIR Shadow"], atol=1e-6)
+
+
+def test_kernels_that_are_not_compiled_yet_get_slices_of_their_own(device, progressive):
+    kernels, device._kernels = device._kernels, {}
+    try:
+        scene = view()
+        progressive.show(scene, SETTINGS)
+        counts = [0]
+        while not progressive.is_done:
+            progressive.advance(60.0)
+            counts.append(device.kernel_count)
+        assert counts[-1] > 8
+        # until the first batch is drawn; a step has one kernel, or some that go together
+        assert max(np.diff(counts)) <= 3
+        progressive.show(view(key_x=-1.0), SETTINGS)
+        assert finish(progressive, 60.0) == 1
+    finally:
+        device._kernels = kernels
 
 
 CHANGES = {

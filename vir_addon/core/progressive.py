@@ -74,6 +74,11 @@ class ProgressiveRender:
         return self._steps is None and self._is_drawn
 
     @property
+    def _is_compiling(self) -> bool:
+        """The next step may meet a kernel that has not been compiled, too, which takes long: each gets a slice of its own."""
+        return self.compiled_count > 0 and self._batches_done == 0
+
+    @property
     def is_waiting(self) -> bool:
         """For what happens in the executor."""
         return self._pending is not None and not self._pending.done()
@@ -88,7 +93,7 @@ class ProgressiveRender:
         self._steps = self._working(snapshot, settings)
 
     def advance(self, budget_s: float) -> bool:
-        """Work for about so long, one step at least; whether the picture has changed.
+        """Work for about so long, one step at least, and no more where kernels are being compiled; whether the picture has changed.
 
         Raises VirError if what is to be shown cannot be: then nothing happens before `show` is called again.
         """
@@ -100,7 +105,7 @@ class ProgressiveRender:
                     has_waited = not self._wait(min(budget_s * HOST_WAIT_SHARE, budget_s - (time.perf_counter() - start)))
                 else:
                     has_changed |= self._step()
-                if time.perf_counter() - start + max(self._recent_s, default=0.0) > budget_s:
+                if self._is_compiling or time.perf_counter() - start + max(self._recent_s, default=0.0) > budget_s:
                     break
         except BaseException:
             self._stop()

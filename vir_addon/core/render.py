@@ -201,8 +201,8 @@ class Renderer:
         return sum(planned.view_count for planned in self._planned_lights().values()) or self.plan.batch_count * self.reflects
 
     def _seeing_positions(self, eye: EyePass) -> Generator[HostWork | None, Any, list[np.ndarray]]:
-        """Returns (height, width, 4) each, of the first eye samples, those of the first batch first: what is thinner than a pixel is missed by
-        most of them. Leaves the first batch's in the eye's buffers."""
+        """Returns (height, width, 4) each, of the first eye samples, those of the first batch first: what is thinner than a pixel is missed
+        by most of them. Leaves the first batch's in the eye's buffers."""
         batch_count = min(-(-LEAST_SEEN_SAMPLES // self.plan.eye_samples_per_batch), self.plan.batch_count)
         positions: list[np.ndarray] = []
         for batch in reversed(range(batch_count)):
