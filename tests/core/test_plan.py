@@ -194,7 +194,8 @@ def test_more_work_is_predicted_to_take_longer(method, more):
 
 
 def test_rasterizing_is_predicted_to_take_as_long_as_there_are_views():
-    few, many = (planned(fine_scene(40), method=Method.MVR, view_count=view_count).predicted_ms for view_count in (16, 64))
+    # that also have four times the eye samples
+    few, many = (planned(fine_scene(40), method=Method.MVR, view_count=view_count).predicted_ms for view_count in (128, 512))
     assert many == pytest.approx(4 * few)
 
 
@@ -360,6 +361,15 @@ def test_what_does_not_fit_into_its_memory_costs_more(method):
     assert made_again > 1.2 * kept
     ample, scarce = (planned(scene, method=Method.MVR, replay_buffer_mib=mib).predicted_ms for mib in (64, 1))
     assert scarce == ample
+
+
+def test_eye_samples_are_predicted_besides_views():
+    """Both numbers of views have eight eye samples, which cost the same however few views each looks up."""
+    camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
+    # nothing casts a shadow on a floor alone
+    lines = [planned(snapshot([floor(4.0)], [area_light()], camera, WIDTH, HEIGHT), view_count=count) for count in (8, 16)]
+    assert not any(line.needs_maps for line in lines)
+    assert 1.05 * lines[0].predicted_ms < lines[1].predicted_ms < 1.5 * lines[0].predicted_ms
 
 
 def test_what_the_rasterizer_takes_for_points_is_predicted():

@@ -26,7 +26,7 @@ MICRO_BYTES_PER_TRIANGLE = 48
 SMALL_PERIMETER_TEXELS = 12.0
 """around what micro-triangle rasterization calls small (core/passes/small_triangles.py)"""
 MAP_NS_PER_TEXEL = 60.0
-LOOK_UPS_PER_RAY = 700.0
+LOOK_UPS_PER_RAY = 900.0
 """A reflected ray, and the one that the world lights its hit along, took about ten microseconds on a software rasterizer."""
 """of a software rasterizer; on a GPU neither was measured yet"""
 FACES_OF_INSTANCE = 2
@@ -75,6 +75,8 @@ class Rates:
     clear_texel: float
     look_up: float
     """RESOLVE, of a pixel in a view's map"""
+    round_pixel: float
+    """what RESOLVE takes for a pixel of each eye sample besides, however few views it looks up"""
     filter_tap: float
     """of pcss, in which most find nothing"""
     eye_pixel: float
@@ -102,7 +104,8 @@ RATES = {
         lattice_point=90.0,
         splat_point=22.0,
         clear_texel=1.0,
-        look_up=14.0,
+        look_up=11.0,
+        round_pixel=50.0,
         filter_tap=5.0,
         eye_pixel=60.0,
         collect_triangle=100.0,
@@ -126,6 +129,8 @@ RATES = {
         splat_point=0.3,
         clear_texel=0.01,
         look_up=0.7,
+        # not told apart there
+        round_pixel=0.0,
         filter_tap=0.2,
         eye_pixel=1.7,
         # not measured on one: as micro's
@@ -199,8 +204,10 @@ def _cloud_share(method: ReflectionMethod) -> float:
     return IVIR_SHARE if method is ReflectionMethod.IVIR else 1.0
 
 
-def resolve_ms(snapshot: SceneSnapshot, settings: Settings, view_count: int) -> float:
-    return snapshot.width_px * snapshot.height_px * view_count * RATES[settings.hardware].look_up * 1e-6
+def resolve_ms(snapshot: SceneSnapshot, settings: Settings, view_count: int, round_count: int) -> float:
+    """round_count: eye samples that share the views"""
+    rates = RATES[settings.hardware]
+    return snapshot.width_px * snapshot.height_px * (view_count * rates.look_up + round_count * rates.round_pixel) * 1e-6
 
 
 def filter_ms(snapshot: SceneSnapshot, settings: Settings, eye_sample_count: int) -> float:

@@ -284,6 +284,9 @@ def _plan_light(
     view_count = wanted_count if light.has_size and not is_filtered else 1
     taps = MAX_EYE_SAMPLES * max(settings.blocker_sample_count, settings.filter_sample_count)
     sample_count = taps if is_filtered else view_count
+    batch_count = _batch_count(view_count, settings.map_resolution_px, settings.batch_view_count)
+    round_count = batch_count * _eye_samples_per_batch(view_count, batch_count)
+    look_ups_ms = cost.resolve_ms(snapshot, settings, max(sample_count, round_count), round_count)
     reason = _describe(light) if light.has_size else f"{_describe(light)} without size: one view, a hard shadow"
     if not may_shadow(snapshot, light, bounds, receiver_boxes.reshape(-1, 3), sample_count):
         return PlannedPass(
@@ -296,19 +299,14 @@ def _plan_light(
             needs_maps=False,
             # its light is looked up by other samples than views
             method=Method.PCSS if is_filtered else Method.MVR,
-            predicted_ms=cost.resolve_ms(snapshot, settings, sample_count),
+            predicted_ms=look_ups_ms,
         )
     faces, face_count = _likely_faces(snapshot, light, bounds, places_ws, settings.map_resolution_px)
-    batch_count = _batch_count(view_count, settings.map_resolution_px, settings.batch_view_count)
     has_cut_outs = any(snapshot.meshes[index].opacity_map is not None for index in _caster_meshes(snapshot, light))
     # where there are fewer views than batches each batch shows one again
     turns = 1 if view_count == 1 and not has_cut_outs and _may_keep_maps(len(faces), settings) else batch_count
     estimates = cost.estimate_methods(snapshot, light, max(view_count, turns), settings, bounds, faces, turns)
-    if is_filtered:
-        look_ups_ms = cost.filter_ms(snapshot, settings, MAX_EYE_SAMPLES)
-    else:
-        look_up_count = max(view_count, batch_count * _eye_samples_per_batch(view_count, batch_count))
-        look_ups_ms = face_count * cost.resolve_ms(snapshot, settings, look_up_count)
+    look_ups_ms = cost.filter_ms(snapshot, settings, MAX_EYE_SAMPLES) if is_filtered else face_count * look_ups_ms
     if settings.method is Method.AUTO:
         # what the rasterizer draws into splatted maps loses half a texel at every outline, and lace is nothing but outlines
         methods = AUTO_METHODS + GPU_AUTO_METHODS * (settings.hardware is Hardware.GPU)
