@@ -24,6 +24,8 @@ from tests.scenes import (
 )
 from vir_addon.core.material import BLACK, WHITE, Constant, CornerValue, Layer, LayerKind, Material, World
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
+from vir_addon.core.passes import emitters
+from vir_addon.core.passes.emitters import pack_emitters
 from vir_addon.core.plan import plan
 from vir_addon.core.render import render
 from vir_addon.core.sampling import shuffled_unit_square_points
@@ -239,6 +241,75 @@ def test_metal_without_a_map_shows_what_surrounds_it(device):
         image = render_passes(scene, device, reflection_sample_count=16, effects=(Effect.REFLECTION,), bounces=1)[REFLECTION_PASS_NAME]
         means.append(image[2:6, 8:-8].mean())
     np.testing.assert_allclose(means, 0.5, atol=0.08)
+
+
+@pytest.mark.parametrize("roughness", [None, 0.6])
+def test_a_panel_lights_what_a_mirror_shows_without_noise(device, roughness):
+    """A small one that shines, over a matte floor or one of rough metal, against an integral over the panel."""
+    size_m, radiance, at_ws = 0.2, 60.0, np.array([0.0, 0.3, 1.5])
+    panel = rectangle("panel", at_ws - (size_m / 2, size_m / 2, 0), (0, size_m, 0), (size_m, 0, 0))
+    wall = rectangle("wall", (-2, 2, -0.5), (4, 0, 0), (0, 0, 4))
+    ground = matte((0.5, 0.5, 0.5)) if roughness is None else mirror((1.0, 1.0, 1.0), roughness=roughness)
+    camera = perspective_camera((0.0, -3.0, 1.6), (0.0, 2.0, 0.9), WIDTH, HEIGHT, 0.25)
+    materials = [ground, matte((0, 0, 0), 3 * (radiance,)), mirror()]
+    scene = snapshot([floor(6.0), panel, wall], [], camera, WIDTH, HEIGHT, materials=materials, world=World())
+    settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "reflection_sample_count": 64}
+    image = render_passes(scene, device, **settings)[REFLECTION_PASS_NAME][..., 0]
+
+    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
+    on_wall = eye + ((2 - eye[1]) / directions[..., 1:2]) * directions
+    reflected = directions * (1, -1, 1)
+    rows = slice(1, 6)
+    on_floor = (on_wall - on_wall[..., 2:] / reflected[..., 2:] * reflected)[rows, 4:-4]
+    steps = ((np.arange(8) + 0.5) / 8 - 0.5) * size_m
+    places = at_ws + np.stack([*np.meshgrid(steps, steps), np.zeros((8, 8))], axis=-1).reshape(-1, 3)
+    to_light = places - on_floor[..., None, :]
+    distance = np.linalg.norm(to_light, axis=-1)
+    to_light /= distance[..., None]
+    irradiance = radiance * size_m**2 * to_light[..., 2] ** 2 / distance**2
+    if roughness is None:
+        truth = 0.5 / np.pi * irradiance.mean(axis=-1)
+    else:
+        truth = (irradiance * white_metal(-reflected[rows, 4:-4], to_light, roughness**2)).mean(axis=-1)
+    np.testing.assert_allclose(image[rows, 4:-4], truth, rtol=0.06)
+    np.testing.assert_allclose(image[rows, 4:-4].mean(), truth.mean(), rtol=0.01)
+
+
+def test_what_shines_is_drawn_by_its_area_and_brightness(monkeypatch):
+    """As likely a square metre as its object is bright, dark slots never, hidden objects neither; where there are too many triangles,
+    those of the objects that shine most."""
+    half = dataclasses.replace(square(), material_slot=np.array([0, 1], np.uint8))
+    large, small = rectangle("large", (0, 0, 1), (4, 0, 0), (0, 2, 0)), rectangle("small", (0, 0, 2), (1, 0, 0), (0, 1, 0))
+    dark, dim, bright = matte((1, 1, 1)), matte((0, 0, 0), (1, 1, 1)), matte((0, 0, 0), (12, 12, 12))
+    scene = scene_of([half, large, small], [dark, dim, bright])
+    scene = dataclasses.replace(scene, material_sets=((0, 1), (1,), (2,)))
+    per_instance, drawn = np.split(pack_emitters(scene).rows, [3])
+    np.testing.assert_allclose(per_instance[:, 0], np.array([1, 1, 12]) / 20.5, rtol=1e-6)
+    np.testing.assert_allclose(drawn[:, 2], np.array([6, 12, 16, 20, 20.5]) / 20.5, rtol=1e-6)
+    assert drawn[:, :2].tolist() == [[2, 0], [2, 1], [1, 0], [1, 1], [0, 1]]
+    hidden = dataclasses.replace(scene.instances, visible_in_reflections=np.array([True, True, False]))
+    assert (pack_emitters(dataclasses.replace(scene, instances=hidden)).rows[:, 0] != 2).all()
+    monkeypatch.setattr(emitters, "MAX_EMITTING_TRIANGLES", 2)
+    assert pack_emitters(scene).rows[:3, 0].tolist() == [0.0, 0.0, 1.0]
+
+
+def white_metal(to_eye, to_light, width):
+    """Radiance over irradiance of one that reflects all light, upwards: a GGX lobe and what bounces between its facets, which is as the
+    lobe itself. to_eye: (..., 3), to_light: (..., n, 3)"""
+
+    def lobe(view, light):
+        half = view + light
+        half /= np.linalg.norm(half, axis=-1, keepdims=True)
+        density = width**2 / (np.pi * (half[..., 2] ** 2 * (width**2 - 1) + 1) ** 2)
+        view_z, light_z = np.broadcast_arrays(view[..., 2], light[..., 2])
+        masking = 1 + sum((np.sqrt(1 + (width / z) ** 2 * (1 - z**2)) - 1) / 2 for z in (view_z, light_z))
+        return density / (4 * view_z * light_z * masking)
+
+    height, turn = np.meshgrid((np.arange(256) + 0.5) / 256, (np.arange(256) + 0.5) / 256 * 2 * np.pi, indexing="ij")
+    around = np.sqrt(1 - height**2)
+    all_ways = np.stack([around * np.cos(turn), around * np.sin(turn), height], axis=-1).reshape(-1, 3)
+    albedo = np.array([2 * np.pi * (lobe(view, all_ways) * all_ways[:, 2]).mean() for view in to_eye.reshape(-1, 3)])
+    return lobe(to_eye[..., None, :], to_light) / albedo.reshape(to_eye.shape[:-1])[..., None]
 
 
 def test_a_rough_coat_in_even_light_reflects_as_much_as_its_colour_says(device):

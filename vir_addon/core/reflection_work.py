@@ -15,6 +15,7 @@ from .material_program import typical_value
 from .methods.reflected_points import clouds
 from .pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, ReflectionStatistics
 from .passes.accumulate import ERROR_TILE_PX
+from .passes.emitters import no_emitters, pack_emitters
 from .passes.eye import EyePass, GBuffer
 from .passes.reflection_maps import ReflectionMaps
 from .passes.reflections import (
@@ -97,6 +98,10 @@ class ReflectionWork:
                 return owned.own(self.device.create_texture(width, height, TextureFormat.RGBA32F))
 
             self.materials = owned.own(surfaces.share())
+            # by direction alone nothing would hide what shines
+            is_marched = plan.settings.reflection_look_up is ReflectionLookUp.MARCH
+            packed = pack_emitters(snapshot) if is_marched else no_emitters(snapshot)
+            self.emitters, self.emitter_count = owned.own(self.device.upload_array(packed.rows)), packed.triangle_count
             self.rays = {name: texture() for name in ("ray_origins", "ray_directions", "throughputs")}
             self.surfaces = texture()
             self.radiances = [texture() for _ in parts]
@@ -256,7 +261,11 @@ class ReflectionWork:
                 scatterings=hits.scatterings,
                 glosses=hits.glosses,
                 radiances=self.radiances[part],
+                emitters=self.emitters,
+                instance_count=len(self.scene_data.snapshot.instances),
+                emitter_count=self.emitter_count,
                 bounce=bounce + self.planned.bounces,
+                is_last=int(bounce == self.planned.bounces - 1),
                 sample_x=light[0],
                 sample_y=light[1],
             )

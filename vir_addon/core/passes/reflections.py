@@ -6,6 +6,7 @@ Where rays hit is a G-buffer of the eye's layout, so whatever looks lights up fo
 from __future__ import annotations
 
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored, Table
+from .emitters import EMITTER_CONSTANTS, EMITTER_TEXTURES
 from .reflection_maps import MAP_LEVELS, MAP_TEXTURES
 from .resolve import DELIVERED_FLAGS, RESOLVE
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES
@@ -178,6 +179,7 @@ LIGHT_BY_SURROUNDINGS = ComputeDeclaration(
         **SCENE_TEXTURES,
         **SURFACE_TEXTURES,
         **MAP_TEXTURES,
+        **EMITTER_TEXTURES,
         "positions": SEEN["positions"],
         "normals": SEEN["normals"],
         "ray_origins": Sampled("sampler2D", ORIGINS),
@@ -191,12 +193,21 @@ LIGHT_BY_SURROUNDINGS = ComputeDeclaration(
     constants={
         **SIZE_CONSTANTS,
         **WALK_CONSTANTS,
+        **EMITTER_CONSTANTS,
         "bounce": BOUNCE,
+        "is_last": Constant("int", "1: no ray goes on from what was met, whatever it is"),
         "sample_x": Constant("float", "of directions, in the unit square"),
         "sample_y": Constant("float", "the same in y"),
     },
     flags={**SURFACE_FLAGS, **BY_DIRECTION_FLAG},
-    defines={**SCENE_DEFINES, **TILE_DEFINES, **SURFACE_DEFINES, **REFLECTANCE_DEFINES, **MARCH_DEFINES},
+    defines={
+        **SCENE_DEFINES,
+        **TILE_DEFINES,
+        **SURFACE_DEFINES,
+        **REFLECTANCE_DEFINES,
+        **MARCH_DEFINES,
+        "LEAST_LIT_WIDTH": LEAST_LIT_WIDTH,
+    },
 )
 
 ADD_REFLECTIONS = ComputeDeclaration(
