@@ -106,7 +106,7 @@ void main() {
 
     vec4 ray = texelFetch(ray_origins, pixel, 0);
     float first_m = FIRST_SHARE * max(length(position.xyz - ray.xyz), length(position.xyz));
-    int beside = int(texelFetch(throughputs, pixel, 0).w);
+    int beside = int(texelFetch(throughputs, pixel, 0).w) % MAP_NUMBERS - 1;
     ReflectionMap map = load_map(beside >= 0 ? beside : int(ray.w));
     vec3 sum = vec3(0.0);
     for (int k = 0; k < (emitter_count > 0 ? 2 : 1); k++) {

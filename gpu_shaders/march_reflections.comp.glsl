@@ -16,25 +16,26 @@ void main() {
     vec4 surface = vec4(0.0, 0.0, 0.0, float(NO_RAY));
     if (ray.w >= 0.0) {
         vec4 direction = texelFetch(ray_directions, pixel, 0);
-        int beside = int(texelFetch(throughputs, pixel, 0).w);
+        int others = int(texelFetch(throughputs, pixel, 0).w);
+        ivec3 numbers = ivec3(int(ray.w), others % MAP_NUMBERS - 1, others / MAP_NUMBERS - 1);
 #ifdef BY_DIRECTION
-        bool shows_itself = false;
-#else
-        bool shows_itself = beside < -1;
+        numbers.z = -1;
 #endif
         Found found = Found(Meeting(FAR_ALONG, vec2(0.0), false), vec4(-1.0), REFLECTED_NOTHING);
         // in turns: what stands in a kernel twice is compiled twice
-        for (int turn = 0; turn < 2; turn++) {
-            bool is_own = turn == 1 && shows_itself;
-            ReflectionMap map = load_map(turn == 0 ? int(ray.w) : is_own ? -2 - beside : beside);
-            // of itself it shows what is found by marching alone
-            Found one = follow(map, ray.xyz, direction.xyz, (is_own ? OWN_SHARE : 1.0) * direction.w, !is_own);
-            bool is_before = found.how != REFLECTED_SURFACE || one.meeting.along < found.meeting.along;
-            if (!is_own || (one.how == REFLECTED_SURFACE && one.meeting.inside && is_before)) {
-                found = one;
+        for (int turn = 0; turn < 3; turn++) {
+            bool is_own = turn == 2;
+            bool has_left = found.how == REFLECTED_OUT_OF_VIEW;
+            bool is_asked = turn != 1 || has_left || found.how == REFLECTED_BY_DIRECTION;
+            if (numbers[turn] < 0 || !is_asked) {
+                continue;
             }
-            if (!shows_itself && (found.how != REFLECTED_OUT_OF_VIEW || beside < 0)) {
-                break;
+            // of itself it shows what is found by marching alone
+            Found one = follow(load_map(numbers[turn]), ray.xyz, direction.xyz, (is_own ? OWN_SHARE : 1.0) * direction.w, !is_own);
+            bool is_before = found.how != REFLECTED_SURFACE || one.meeting.along < found.meeting.along;
+            bool is_sure = one.how == REFLECTED_SURFACE && (!is_own || one.meeting.inside);
+            if (turn == 0 || (turn == 1 && has_left) || (is_sure && is_before)) {
+                found = one;
             }
         }
         surface.w = float(found.how);

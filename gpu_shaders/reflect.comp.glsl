@@ -19,13 +19,12 @@ void main() {
     vec4 ray = vec4(0.0);
     int instance_index = int(position.w);
     int map_number = -1;
-    float beside = -1.0;
+    float others = 0.0;
     if (instance_index >= 0) {
         vec4 maps = texelFetch(instance_maps, linear_texel(instance_index), 0);
 #ifdef FROM_EYE
         map_number = int(maps.x);
-        // only flat ones have a map beside the first, only others show themselves
-        beside = maps.w >= 0.0 ? -2.0 - maps.w : maps.z;
+        others = maps.z + 1.0 + float(MAP_NUMBERS) * (maps.w + 1.0);
 #else
         map_number = int(maps.y);
 #endif
@@ -75,7 +74,7 @@ void main() {
         } else {
             reflected = lobe_fresnel(surface, lobes.base, clamp(-dot(facet, incoming), 0.0, 1.0));
         }
-        color = vec4(before * masked * reflected, beside);
+        color = vec4(before * masked * reflected, others);
         origin = vec4(position.xyz, float(map_number));
         ray = vec4(outgoing, FIRST_SHARE * max(traveled, length(position.xyz)));
     }

@@ -186,10 +186,41 @@ def test_flat_mirror_shows_what_a_mirrored_camera_sees(device):
     assert (error > 1 / 255).mean() < 0.002, (error > 1 / 255).sum()
 
 
+def test_a_tray_shows_what_stands_on_it_where_it_is(device):
+    """Flat but for its rim, with a block around which no place sees all of the room: against rays in float64."""
+    walls, materials = colored_box(3.0)
+    block = box("block", (-0.1, 0.3, 0.601), (0.35, 0.3, 0.6))
+    inner, outer = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]), 1.1 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    positions = np.concatenate([np.column_stack([inner, np.zeros(4)]), np.column_stack([outer, np.full(4, 0.1)])]).astype(np.float32)
+    sides = [triangle for k in range(4) for triangle in ((k, k + 4, (k + 1) % 4), ((k + 1) % 4, k + 4, (k + 1) % 4 + 4))]
+    tray = Mesh("tray", positions, np.array([(0, 1, 2), (0, 2, 3), *sides], np.int32))
+    camera = perspective_camera((0.4, -2.6, 1.6), (0.0, 0.0, 0.2), WIDTH, HEIGHT, 0.5)
+    scene = snapshot(
+        [*walls, block, tray], [], camera, WIDTH, HEIGHT, materials=[*materials, matte((0, 0, 0), (0.4, 0.5, 0.6)), mirror()], world=World()
+    )
+    (plan,) = reflectors_of(scene).reflectors
+    assert [each.is_cube for each in plan.maps] == [False, True, False]
+    assert "mostly flat: a mirrored view besides" in plan.reason
+    (as_published,) = reflectors_of(scene, planar=False).reflectors
+    assert [each.is_cube for each in as_published.maps] == [True, False]
+
+    image = render_passes(scene, device, reflection_sample_count=2, effects=(Effect.REFLECTION,), bounces=1)[REFLECTION_PASS_NAME]
+    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
+    at = eye - eye[2] / directions[..., 2:] * directions
+    mask = (np.abs(at[..., :2]) < 0.97).all(axis=-1) & (directions[..., 2] < 0)
+    mask[mask] = nearest_instance(scene, np.broadcast_to(eye, (mask.sum(), 3)), directions[mask], leave_out=None) == 7
+    seen = nearest_instance(scene, at[mask], directions[mask] * (1, 1, -1), leave_out=7)
+    truth = np.concatenate([COLORS, [(0.4, 0.5, 0.6)]])[seen]
+    wrong = np.abs(image[mask] - truth).max(axis=-1) > 0.01
+    assert (seen == 6).sum() > 200
+    assert len(seen) > 1500
+    assert wrong.mean() < 0.03, wrong.sum()
+
+
 def nearest_instance(scene, origins, directions, leave_out):
     """(n,) instance that each ray meets first, -1 for none, in float64."""
     triangles = world_triangles(scene)
-    kept = triangles.instance != leave_out
+    kept = np.full(len(triangles.instance), True) if leave_out is None else triangles.instance != leave_out
     owner = np.append(triangles.instance[kept], -1)
     found = []
     for first in range(0, len(origins), 512):

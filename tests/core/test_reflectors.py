@@ -237,7 +237,7 @@ def test_faces_draw_what_is_in_them_alone():
     camera = perspective_camera((0.5, -3.0, 1.5), (0, 0, 0.4), WIDTH, HEIGHT, 0.6)
     scene = snapshot([*boxes, ball], [], camera, WIDTH, HEIGHT, materials=[*[matte()] * len(boxes), mirror()], world=World())
     plan = planned(scene, Settings(effects=(Effect.REFLECTION,)))
-    cube = plan.reflections.reflectors[0].seen
+    (cube,) = (each for each in plan.reflections.reflectors[0].maps if each.is_cube)
     drawn = [instances_in_face(cube, face, plan.bounds.corners_ws) for face in range(6)]
     for number, centre in enumerate(centres):
         places = centre + rng.uniform(-1, 1, (50, 3)) * (0.2, 0.3, 0.1) - cube.center_ws

@@ -39,6 +39,12 @@ CONVEXITY_SHARE = 1e-3
 """of a reflector's size: shallower hollows show nothing of themselves"""
 FLAT_SHARE = 1e-4
 """of a reflector's size: by so much a flat one may be off its plane"""
+MAIN_PLANE_SHARE = 0.5
+"""of what the eye sees of a reflector: one plane that so much of it lies in has a mirrored view"""
+MAX_PLANE_TRIANGLES = 1 << 17
+"""of which such a plane is sought: a regular subset of more"""
+NORMAL_STEPS, OFFSET_STEPS = 64, 256
+"""of a normal's coordinates and of a reflector's size, by which triangles count as those of one plane until it is known exactly"""
 MIN_EYE_HEIGHT_SHARE = 1e-3
 """of the distance: seen more edge-on, a plane shows next to nothing, and its mirrored view would be all depth"""
 
@@ -147,6 +153,39 @@ def flat_plane(snapshot: SceneSnapshot, own: np.ndarray) -> np.ndarray | None:
         if (np.abs(given @ normal) < (1 - FLAT_SHARE) * np.linalg.norm(given, axis=1)).any():
             return None
     return np.array([*normal, -normal @ center])
+
+
+def main_plane(snapshot: SceneSnapshot, own: np.ndarray) -> np.ndarray | None:
+    """(4,) float64 as of `flat_plane`: the one that most of what the eye sees of a reflector lies in, like a tray's within its rim. None
+    where no plane has most; what others hide counts."""
+    eye_ws = snapshot.camera.world_from_view[:3, 3]
+    triangle_count = sum(snapshot.meshes[snapshot.instances.mesh_index[index]].triangle_count for index in own)
+    step = max(1, triangle_count // MAX_PLANE_TRIANGLES)
+    corners = np.concatenate([positions[triangles[::step]] for positions, triangles in _placed_meshes(snapshot, own, eye_ws)])
+    scaled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    doubled_area = np.linalg.norm(scaled, axis=1)
+    middles = corners.mean(axis=1)
+    distance = np.linalg.norm(middles, axis=1)
+    has_area = (doubled_area > 0) & (distance > 0)
+    corners, scaled, doubled_area, middles, distance = (each[has_area] for each in (corners, scaled, doubled_area, middles, distance))
+    toward = -(scaled * middles).sum(axis=1)
+    seen = np.abs(toward) / distance**3
+    if all(snapshot.meshes[snapshot.instances.mesh_index[index]].is_closed for index in own):
+        seen *= toward > 0
+    if not seen.sum() > 0:
+        return None
+    normals = scaled / doubled_area[:, None] * np.where(toward < 0, -1.0, 1.0)[:, None]
+    offsets = -(normals * corners[:, 0]).sum(axis=1)
+    size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    cells = np.round(np.column_stack([NORMAL_STEPS * normals, OFFSET_STEPS * offsets / size])).astype(np.int64)
+    _, numbers = np.unique(cells, axis=0, return_inverse=True)
+    fullest = np.bincount(numbers.ravel(), seen).argmax()
+    largest = np.argmax(np.where(numbers.ravel() == fullest, seen, -1.0))
+    normal, offset = normals[largest], offsets[largest]
+    is_in = (np.abs(corners @ normal + offset) < FLAT_SHARE * size).all(axis=1)
+    if seen[is_in].sum() < MAIN_PLANE_SHARE * seen.sum():
+        return None
+    return np.array([*normal, offset - normal @ eye_ws])
 
 
 def mirrored_view(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray, plane: np.ndarray) -> ReflectionMap | None:

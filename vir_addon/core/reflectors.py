@@ -25,6 +25,7 @@ from .reflector_views import (
     flat_plane,
     is_convex_to_eye,
     is_too_fine,
+    main_plane,
     mirrored_view,
 )
 from .scene import SceneSnapshot
@@ -77,7 +78,7 @@ class Reflector:
     met: ReflectionMap | None = None
     """for rays from other reflectors"""
     aside: ReflectionMap | None = None
-    """where rays go on that leave the view of `seen`, and rays of light that what it shows is lit by"""
+    """where rays go on that leave the mirrored view `seen`, and rays of light that what it shows is lit by"""
     itself: ReflectionMap | None = None
     """what the eye sees of it, for what of itself it shows; of reflectors that are not convex"""
     covered_px: tuple[int, int] = (0, 0)
@@ -282,7 +283,13 @@ def _plan_reflector(
     if not (snapshot.camera.is_orthographic or is_convex_to_eye(snapshot, own)):
         itself = eye_view(snapshot, bounds, own)
         reason += "; not convex: a view of itself besides"
-    return Reflector(name, own, True, reason, "mvr", seen, seen if bounces > 1 else None, None, itself, covered_px)
+    met = seen if bounces > 1 else None
+    plane = main_plane(snapshot, own) if settings.planar and not snapshot.camera.is_orthographic else None
+    view = None if plane is None else mirrored_view(snapshot, bounds, own, plane)
+    if view is not None:
+        reason += "; mostly flat: a mirrored view besides"
+        return Reflector(name, own, True, reason, "mvr", view, met, seen, itself, covered_px)
+    return Reflector(name, own, True, reason, "mvr", seen, met, None, itself, covered_px)
 
 
 def _within_memory(reflectors: list[Reflector], memory_mib: float) -> list[Reflector]:

@@ -19,6 +19,8 @@ MAX_STEPS = 1024
 NO_RAY, REFLECTED_NOTHING, REFLECTED_SURFACE, REFLECTED_BY_DIRECTION, REFLECTED_OUT_OF_VIEW = range(5)
 """What became of a pixel's ray: there is none, it left the scene, it met a surface, it did behind something that hid it from the map's
 centre, and this is what the map shows in its direction, or it left what the maps show"""
+MAP_NUMBERS_DEFINE = {"MAP_NUMBERS": 4096}
+"""more than there are maps"""
 MARCH_DEFINES = {
     "REFLECTED_NOTHING": REFLECTED_NOTHING,
     "REFLECTED_SURFACE": REFLECTED_SURFACE,
@@ -26,6 +28,7 @@ MARCH_DEFINES = {
     "REFLECTED_OUT_OF_VIEW": REFLECTED_OUT_OF_VIEW,
     "MAP_LEVELS": MAP_LEVELS,
     "MAX_STEPS": MAX_STEPS,
+    **MAP_NUMBERS_DEFINE,
 }
 BY_DIRECTION_FLAG = {"BY_DIRECTION": "look maps up by direction alone"}
 
@@ -35,7 +38,8 @@ SURFACES = "triangle number, weights of its second and third corner; of hits: wh
 ORIGINS = "where the ray begins (world space) and number of the map that it is followed through, -1 where there is none"
 DIRECTIONS = "unit direction of the ray and how far along it nothing is met"
 THROUGHPUTS = (
-    "what the light that the ray finds is multiplied by, and its second map: beside the first, -1 none, -2 and less the reflector itself"
+    "what the light that the ray finds is multiplied by, and its other maps: 1 + the number of that beside the first, 0 none, and "
+    "MAP_NUMBERS times the same of that of the reflector itself"
 )
 SCATTERINGS = "radiance towards the eye for an irradiance of 1, of the diffuse lobe; the gloss at grazing angles, negative of metal"
 GLOSSES = "reflectance of the gloss straight on, what the light is multiplied by included; its GGX width, negative of reflectors"
@@ -80,7 +84,7 @@ REFLECT = ComputeDeclaration(
     },
     tables={"eye": Table(5, "as of SURFACE; with FROM_EYE")},
     flags={**SURFACE_FLAGS, "FROM_EYE": "reflects what the eye sees, not what rays met"},
-    defines={**SCENE_DEFINES, **TILE_DEFINES, **SURFACE_DEFINES, **REFLECTANCE_DEFINES},
+    defines={**SCENE_DEFINES, **TILE_DEFINES, **SURFACE_DEFINES, **REFLECTANCE_DEFINES, **MAP_NUMBERS_DEFINE},
 )
 
 MARCH_REFLECTIONS = ComputeDeclaration(
