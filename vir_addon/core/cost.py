@@ -15,6 +15,7 @@ import numpy as np
 
 from .bounds import SceneBounds
 from .passes.reflection_maps import ReflectionMap
+from .passes.shadow_maps import BYTES_PER_TEXEL, MAX_BATCH_VIEWS
 from .scene import Light, LightShape, SceneSnapshot
 from .settings import Hardware, Method, PointGeneration, PointStorage, ReflectionMethod, Settings
 
@@ -37,6 +38,8 @@ MAX_LAYERS = 16
 """surfaces one behind the other that large triangles are taken to fill the maps with"""
 POINTS_PER_TEXEL = 2.0
 """of the watertight lattice on a surface that faces the view (core/passes/points.py); the published one has half"""
+CACHED_BYTES = 2 << 20
+"""of a batch's maps, that caches hold besides what is replayed"""
 PROJECTED_SHARE = 0.5
 """of the area of what faces a view, whose slope may be any, in its map; what is culled at random is told by that"""
 NEW_DRAW_SHARE = 0.2
@@ -72,6 +75,8 @@ class Rates:
     """likewise"""
     splat_point: float
     """of those generated, a view"""
+    splat_cached_point: float
+    """the same into maps that the caches hold"""
     clear_texel: float
     look_up: float
     """RESOLVE, of a pixel in a view's map"""
@@ -103,6 +108,7 @@ RATES = {
         lattice_triangle=1900.0,
         lattice_point=90.0,
         splat_point=22.0,
+        splat_cached_point=15.0,
         clear_texel=1.0,
         look_up=11.0,
         round_pixel=50.0,
@@ -127,6 +133,7 @@ RATES = {
         lattice_triangle=1.0,
         lattice_point=0.3,
         splat_point=0.3,
+        splat_cached_point=0.3,
         clear_texel=0.01,
         look_up=0.7,
         # not told apart there
@@ -334,6 +341,8 @@ def estimate_methods(
     )
 
     point_counts = _point_counts(estimates, settings, texels)
+    is_cached = MAX_BATCH_VIEWS * BYTES_PER_TEXEL * settings.map_resolution_px**2 <= CACHED_BYTES
+    splat_point = rates.splat_cached_point if is_cached else rates.splat_point
 
     def points_ns(becomes_points: np.ndarray, share: float = 1.0) -> float:
         points = share * float((facing * point_counts)[becomes_points].sum())
@@ -342,7 +351,7 @@ def estimate_methods(
         walk_ns = triangles * rates.generate_triangle + points * rates.generate_point
         if settings.point_generation is PointGeneration.RASTERIZER:
             walk_ns += float(facing[becomes_points].sum()) * rates.lattice_triangle + points * rates.lattice_point
-        return generations * walk_ns + view_count * (points * rates.splat_point + texels * rates.clear_texel)
+        return generations * walk_ns + view_count * (points * splat_point + texels * rates.clear_texel)
 
     few_points = point_counts <= settings.small_triangle_points
     hybrid_ns = points_ns(few_points) + view_count * rasterized_ns(facing * ~few_points)
