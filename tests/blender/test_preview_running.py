@@ -311,6 +311,24 @@ def test_why_there_is_nothing_to_show(scene, viewport, add, shown, light_name, u
     assert viewport.texts[-1] == f"VIR: {said}"
 
 
+def test_what_is_compared_with_need_not_have_been_drawn(scene, viewport):
+    scene.vir.use_preview, scene.vir.preview_display = True, "DIFFERENCE"
+    viewport.draw()
+    tick_until_idle()
+    bpy.data.objects["Key"].location.x = 3.0
+    bpy.context.view_layer.update()
+    tick_until_idle()
+    viewport.draw()
+    (shown,) = running._running.viewports.values()
+    ratios = []
+    for picture in (shown.preview.reference, shown.preview.picture):
+        sums = shown.preview.render.device.read(picture.shadows)
+        height, width = sums.shape[:2]  # as fine as there was time for
+        sums = sums.reshape(4, height // 4, 6, width // 6, 4).mean(axis=(1, 3))
+        ratios.append(sums[..., 0] / np.maximum(sums[..., 1], 1e-9))
+    assert np.abs(ratios[0] - ratios[1]).max() > 0.1
+
+
 def test_it_waits_while_passes_are_rendered(scene, viewport, monkeypatch):
     switch_on(scene, viewport)
     (shown,) = running._running.viewports.values()

@@ -201,6 +201,9 @@ def steps() -> Steps:
     bpy.data.objects["Key"].rotation_euler = (0.8, 0, -0.8)
     yield from finish("light moved")
     yield from screenshot("4_difference")
+    change = viewport_pixels("4_difference") - viewport_pixels("1_off")
+    redder = change[..., 0] - change[..., 2]
+    assert (redder > 0.1).mean() > 0.005 and (redder < -0.1).mean() > 0.005, "nothing is lighter and darker than before"
 
     scene.vir.preview_display = "MULTIPLY"
     yield from show_reflections()

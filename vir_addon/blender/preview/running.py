@@ -223,7 +223,7 @@ def _draw_region(context: bpy.types.Context) -> None:
             preview.render.choice, shown.is_stuck = choice, False
         if shown.is_busy:
             _wake()
-        display = Display[scene.vir.preview_display]
+        display = _display_of(scene)
         preview.compare(display is Display.DIFFERENCE)
     if preview is not None and preview.picture is not None and not shown.problem:
         if _running.overlay is None:
@@ -237,6 +237,10 @@ def _choice_of(scene: bpy.types.Scene) -> Choice:
     light_name = scene.vir.preview_light
     # it may have been deleted
     return Choice(ShownPasses[scene.vir.preview_pass], light_name if light_name in scene.objects else None)
+
+
+def _display_of(scene: bpy.types.Scene) -> Display:
+    return Display[scene.vir.preview_display]
 
 
 def _hidden_uids(address: int, space: Any, region_3d: Any, view_layer: Any) -> frozenset[int]:
@@ -426,7 +430,10 @@ def _advance(shown: Shown, scene: bpy.types.Scene, view_layer: bpy.types.ViewLay
         # a script may have removed what the graph still shows; what this finds has been noted when it returns
         depsgraph.update()
     shown.is_stuck, shown.stuck_settings = False, settings
-    return shown.preview.advance(depsgraph, settings, budget_s(scene, shown.preview))
+    has_changed = shown.preview.advance(depsgraph, settings, budget_s(scene, shown.preview))
+    # not only when it is drawn: something may change before
+    shown.preview.compare(_display_of(scene) is Display.DIFFERENCE)
+    return has_changed
 
 
 def budget_s(scene: bpy.types.Scene, preview: ViewportPreview) -> float:
