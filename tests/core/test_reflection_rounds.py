@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tests.scenes import area_light, box, floor, matte, mirror, perspective_camera, prepared_renderer, rectangle, render_passes, snapshot
 from vir_addon.core import render
+from vir_addon.core.errors import UsageError
 from vir_addon.core.light_work import LightWork
 from vir_addon.core.material import World
 from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL
@@ -101,6 +104,35 @@ def test_what_rays_meet_keeps_to_its_memory_with_a_note():
     assert hits_mib(large, found.rounds_per_batch, found.bounces) <= MAX_HITS_MIB
     planned = plan(large, settings)
     assert planned.reflections.bounces == found.bounces and found.note in planned.notes
+
+
+@pytest.mark.parametrize("view_count", [1, 8, 64])
+@pytest.mark.parametrize("sample_count", [2, 8, 32])
+def test_rounds_for_shadows_keep_to_that_memory_too(view_count, sample_count):
+    """Shadows may call for more eye samples a batch than rays do, and each has hits of its own."""
+    scene = mirrored_scene(3840, 2160)
+    found = plan(scene, Settings(effects=BOTH, view_count=view_count, reflection_sample_count=sample_count, bounces=8))
+    assert hits_mib(scene, found.eye_samples_per_batch, found.reflections.bounces) <= MAX_HITS_MIB
+    assert found.eye_samples_per_batch * found.batch_count >= sample_count
+    small = plan(mirrored_scene(), Settings(effects=BOTH, view_count=view_count, reflection_sample_count=sample_count))
+    shadows = plan(mirrored_scene(), Settings(effects=(Effect.SHADOW,), view_count=view_count))
+    assert small.eye_sample_count >= min(shadows.eye_sample_count, sample_count)
+
+
+@pytest.mark.parametrize("effects", [(Effect.SHADOW,), (Effect.REFLECTION,), BOTH])
+def test_advice_on_too_large_maps_is_the_largest_that_does(effects):
+    device = SimpleNamespace(name="small", stores_from_fragments=True, stores_from_geometry=True, max_texture_size_px=4096)
+
+    def check(resolution_px):
+        settings = Settings(effects=effects, view_count=32, reflection_sample_count=32, map_resolution_px=resolution_px)
+        check_device(plan(mirrored_scene(), settings), device)
+
+    with pytest.raises(UsageError) as refused:
+        check(4097)
+    advised_px = int(re.search(r"map resolution of (\d+)", str(refused.value)).group(1))
+    check(advised_px)
+    with pytest.raises(UsageError):
+        check(advised_px + 1)
 
 
 def test_maps_have_as_much_memory_as_a_texture_holds(device):

@@ -15,7 +15,7 @@ from .fit import fit_light
 from .pass_set import unique_pass_names
 from .passes.shadow_maps import BYTES_PER_TEXEL, MAX_BATCH_VIEWS
 from .reach import Receivers, light_casters, lit_places, may_shadow
-from .reflection_rounds import ReflectionRounds, plan_rounds
+from .reflection_rounds import ReflectionRounds, least_ray_batches, plan_rounds
 from .reflectors import PlannedReflections, choose_reflectors
 from .sampling import light_samples
 from .scene import Camera, Light, LightShape, SceneSnapshot
@@ -131,19 +131,21 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     needs_rounds = reflections is not None and reflections.runs
     has_passes = any(planned.runs for planned in passes)
     most_views = max((planned.view_count for planned in running), default=0)
-    # what reflectors show is looked up by as many eye samples as rays are asked for
-    count_batches = _batch_count if has_passes or not needs_rounds else _least_batch_count
-    batch_count = count_batches(most_views, settings.map_resolution_px, settings.batch_view_count) if most_views else 1
+    only_reflects = needs_rounds and not has_passes
+    batch_count = _light_batch_count(most_views, settings.map_resolution_px, settings, only_reflects) if most_views else 1
+
+    def eye_samples_of(batch_count: int) -> int:
+        return 1 if only_reflects else _eye_samples_per_batch(most_views, batch_count)
+
     notes = list(snapshot.notes)
     rounds: ReflectionRounds | None = None
     if reflections is not None and reflections.runs:
-        rounds = plan_rounds(snapshot, settings, reflections.bounces, batch_count, [planned.view_count for planned in running])
+        view_counts = [planned.view_count for planned in running]
+        rounds = plan_rounds(snapshot, settings, reflections.bounces, batch_count, view_counts, eye_samples_of)
         reflections, batch_count = replace(reflections, bounces=rounds.bounces), rounds.batch_count
         notes += [rounds.note] if rounds.note else []
         notes += [SHARED_MAPS_NOTE] if has_passes else []
-    eye_samples_per_batch = 1 if rounds is not None and not has_passes else _eye_samples_per_batch(most_views, batch_count)
-    if rounds is not None:
-        eye_samples_per_batch = max(eye_samples_per_batch, rounds.rounds_per_batch)
+    eye_samples_per_batch = eye_samples_of(batch_count) if rounds is None else rounds.rounds_per_batch
     most_eye_samples = max(MAX_EYE_SAMPLES, settings.reflection_sample_count * needs_rounds)
     eye_sample_count = min(batch_count * eye_samples_per_batch, most_eye_samples)
     predicted = {planned.light_name: planned.predicted_ms for planned in running}
@@ -216,12 +218,14 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
     height_px = resolution_px * math.ceil(most_views / render_plan.batch_count)
     if height_px > limit_px:
         # smaller maps come in larger batches
-        batch_view_count = render_plan.settings.batch_view_count
-        fitting_px = next(
-            px
-            for px in range(resolution_px, 0, -1)
-            if px * math.ceil(most_views / _batch_count(most_views, px, batch_view_count)) <= limit_px
-        )
+        reflects = render_plan.reflections is not None and render_plan.reflections.runs
+        only_reflects = reflects and not any(planned.runs for planned in render_plan.passes)
+
+        def batches_of(px: int) -> int:
+            count = _light_batch_count(most_views, px, render_plan.settings, only_reflects)
+            return least_ray_batches(render_plan.settings.reflection_sample_count, count) if reflects else count
+
+        fitting_px = next(px for px in range(resolution_px, 0, -1) if px * math.ceil(most_views / batches_of(px)) <= limit_px)
         raise UsageError(
             f"a batch of maps of {resolution_px} px is {height_px} px high, and the device's largest texture {limit_px} px: "
             f"choose a map resolution of {fitting_px} or less"
@@ -238,6 +242,12 @@ def _least_batch_count(most_views: int, map_resolution_px: int, batch_view_count
     """Eight maps of 1024^2 and 2048^2 a batch; larger maps in smaller batches, so that a batch stays below 128 MiB of depth."""
     per_batch = max(1, min(MAX_BATCH_VIEWS, batch_view_count, MAX_BATCH_VIEWS * 2048**2 // map_resolution_px**2))
     return math.ceil(most_views / per_batch)
+
+
+def _light_batch_count(most_views: int, map_resolution_px: int, settings: Settings, only_reflects: bool) -> int:
+    """What reflectors show is looked up by as many eye samples as rays are asked for."""
+    count_batches = _least_batch_count if only_reflects else _batch_count
+    return count_batches(most_views, map_resolution_px, settings.batch_view_count)
 
 
 def _batch_count(most_views: int, map_resolution_px: int, batch_view_count: int) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from .scene import SceneSnapshot
@@ -33,15 +33,26 @@ def hits_mib(snapshot: SceneSnapshot, rounds_per_batch: int, bounces: int) -> fl
 
 
 def plan_rounds(
-    snapshot: SceneSnapshot, settings: Settings, bounces: int, batch_count: int, view_counts: Iterable[int]
+    snapshot: SceneSnapshot,
+    settings: Settings,
+    bounces: int,
+    batch_count: int,
+    view_counts: Iterable[int],
+    eye_samples_of: Callable[[int], int] = lambda batch_count: 1,
 ) -> ReflectionRounds:
     """More rays are more rounds of a batch first, so that lights' maps serve as many as there is memory for.
 
-    batch_count: what the lights call for; view_counts: of the lights
+    batch_count: what the lights call for; view_counts: of the lights; eye_samples_of: how many of each of so many batches shadows call for,
+    which are rounds as well, if there is memory for them
     """
     rounds, kept_bounces = min(math.ceil(settings.reflection_sample_count / batch_count), MAX_ROUNDS_PER_BATCH), bounces
     while rounds > 1 and hits_mib(snapshot, rounds, bounces) > MAX_HITS_MIB:
         rounds -= 1
+    wanted = math.ceil(settings.reflection_sample_count / rounds)
+    batch_count = _even_batch_count(max(wanted, batch_count), tuple(view_counts))
+    eye_samples = eye_samples_of(batch_count)
+    while rounds < eye_samples and hits_mib(snapshot, rounds + 1, bounces) <= MAX_HITS_MIB:
+        rounds += 1
     while kept_bounces > 1 and hits_mib(snapshot, rounds, kept_bounces) > MAX_HITS_MIB:
         kept_bounces -= 1
     note = None
@@ -51,8 +62,12 @@ def plan_rounds(
         note = f"reflections bounce {kept_bounces} times, not {bounces}: what rays meet would take {wanted_mib:.0f} MiB at this resolution"
     elif needed_mib > MAX_HITS_MIB:
         note = f"what rays of reflections meet takes {needed_mib:.0f} MiB at this resolution"
-    wanted = math.ceil(settings.reflection_sample_count / rounds)
-    return ReflectionRounds(_even_batch_count(max(wanted, batch_count), tuple(view_counts)), rounds, kept_bounces, note)
+    return ReflectionRounds(batch_count, rounds, kept_bounces, note)
+
+
+def least_ray_batches(sample_count: int, batch_count: int) -> int:
+    """Batches that rays call for where lights call for so many, as far as memory goes."""
+    return max(batch_count, math.ceil(sample_count / min(math.ceil(sample_count / batch_count), MAX_ROUNDS_PER_BATCH)))
 
 
 def _even_batch_count(wanted: int, view_counts: tuple[int, ...]) -> int:
