@@ -18,9 +18,11 @@ from pathlib import Path
 
 PROJECT_FOLDER = Path(__file__).resolve().parent.parent.parent
 SCRIPTS = Path(__file__).resolve().parent
-PARTS = ("first_steps", "frames", "tutorial", "passes", "preview", "interruptions", "uninstall")
+PARTS = ("first_steps", "frames", "tutorial", "passes", "preview", "interruptions", "vulkan", "uninstall")
 """in this order, on one profile: the first installs what the others use"""
 LIMIT_S = 900
+OPTIONS = {"vulkan": ("--gpu-backend", "vulkan")}
+"""of Blender, for some parts"""
 WINDOW = ("--window-geometry", "0", "0", "1600", "1000", "--enable-event-simulate")
 
 
@@ -82,7 +84,7 @@ def main() -> int:
         folder = output / part
         folder.mkdir(exist_ok=True)
         inside = [str(package), str(scene), str(folder)]
-        passed = run(blender, [*WINDOW, "--python", str(SCRIPTS / f"{part}.py"), "--", *inside], environment)
+        passed = run(blender, [*OPTIONS.get(part, ()), *WINDOW, "--python", str(SCRIPTS / f"{part}.py"), "--", *inside], environment)
         if passed and part == "frames":
             passed = run_frames(blender, folder / "frames.blend", folder, environment)
         print(f"== {part}: {'passed' if passed else 'FAILED'}", flush=True)
