@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.core.test_reflections import box_colors, camera_rays, colored_box, mirrored_colors
+from tests.core.test_reflections import box_colors, camera_rays, colored_box, mirrored_colors, nearest_instance
 from tests.scenes import box, bumpy_sphere, camera_from_above, floor, matte, mirror, perspective_camera, rectangle, render_passes, snapshot
 from vir_addon.core import reflector_views
 from vir_addon.core.material import Constant, ImageSample, ImageTexels, Operation, TableLookup, World
@@ -112,8 +112,8 @@ def joined(name, *meshes):
     return Mesh(name, np.concatenate([each.positions_os for each in meshes]), np.concatenate(triangles), is_closed=True)
 
 
-def test_only_what_is_all_around_the_eye_has_its_cube_around_the_eye():
-    """Columns whose box the eye is in are not, walls are, also such as have an outside."""
+def test_only_what_is_all_around_the_eye_has_its_cube_around_the_eye(monkeypatch):
+    """Columns whose box the eye is in are not, walls are, also such as have an outside; what is too fine to find out is not asked."""
     columns = joined("columns", *(box(f"{k}", (3 * np.cos(k), 3 * np.sin(k), 1.0), (0.2, 0.2, 2.0)) for k in range(6)))
     inner, outer = box("inner", (0, 0, 1), (3, 3, 2), inside_out=True), box("outer", (0, 0, 1), (3.2, 3.2, 2.2))
     camera = perspective_camera((0.0, 0.0, 1.0), (0.0, 1.0, 1.0), WIDTH, HEIGHT, 0.6)
@@ -123,6 +123,43 @@ def test_only_what_is_all_around_the_eye_has_its_cube_around_the_eye():
         assert found.runs
         assert ("the eye is inside" in found.reason) == is_room
         assert (np.abs(found.seen.center_ws - (0, 0, 1)).max() < 1e-6 and found.itself is None) == is_room
+    monkeypatch.setattr(reflector_views, "MAX_INSCRIBED_TRIANGLES", 23)
+    (found,) = reflectors_of(scene).reflectors
+    assert found.runs and "its cube is around a place on it" in found.reason
+
+
+def test_directions_that_a_reflector_lies_in_count_once():
+    """A closed ball around a place in all, half a ball in half of them, however fine; many layers of leaves in as many as rays in float64
+    meet, though they add up to more than all."""
+    camera = perspective_camera((0, -4.0, 0), (0, 0, 0), WIDTH, HEIGHT, 0.6)
+    place = np.array([0.03, 0.02, -0.01])
+
+    def covers(mesh, share):
+        scene = snapshot([mesh], [], camera, WIDTH, HEIGHT, materials=[mirror()], world=World())
+        return reflector_views._covers(scene, np.array([0]), place, share)
+
+    for row_count in (8, 40, 200):
+        ball = bumpy_sphere("ball", (0, 0, 0), 2.0, row_count, bump_share=0.0)
+        assert covers(ball, 0.999)
+        lower = (ball.positions_os[ball.triangles][..., 2] < 1e-4).all(axis=1)
+        half = dataclasses.replace(ball, triangles=ball.triangles[lower], is_closed=False)
+        assert covers(half, 0.46) and not covers(half, 0.54)
+    rng = np.random.default_rng(5)
+    middles = rng.normal(size=(3000, 1, 3))
+    middles *= rng.uniform(2, 4, (3000, 1, 1)) / np.linalg.norm(middles, axis=2, keepdims=True)
+    corners = (middles + rng.normal(scale=0.2, size=(3000, 3, 3))).astype(np.float32)
+    turned = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) > 0
+    corners[turned] = corners[turned][:, ::-1]
+    leaves = Mesh("leaves", corners.reshape(-1, 3), np.arange(9000, dtype=np.int32).reshape(-1, 3))
+    scene = snapshot(
+        [leaves], [], perspective_camera(place, (0, 4.0, 0), WIDTH, HEIGHT), WIDTH, HEIGHT, materials=[mirror()], world=World()
+    )
+    ways = rng.normal(size=(1000, 3))
+    met = (nearest_instance(scene, np.broadcast_to(place, ways.shape), ways, leave_out=None) == 0).mean()
+    assert covers(leaves, met - 0.05) and not covers(leaves, met + 0.05)
+    front, _ = reflector_views._solid_angles(scene, np.array([0]), place)
+    assert met + 0.05 < reflector_views.ROOM_SHARE < front / (4 * np.pi)
+    assert not reflector_views.eye_is_inside(scene, np.array([0]), corners.reshape(-1, 3))
 
 
 def test_the_inscribed_radius_is_that_of_the_nearest_triangle(monkeypatch):

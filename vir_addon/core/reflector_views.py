@@ -32,6 +32,8 @@ NO_AREA = 1e-9
 """of the square over a triangle's edge: less is rounding"""
 ROOM_SHARE = 0.75
 """of all directions, in which a reflector around the eye is seen: five walls of a room are more"""
+DIRECTION_CELLS, LARGE_AT_ONCE = 16, 1 << 10
+"""a side of each face of a cube, whose centres are the directions; and triangles that are compared with all of these at once"""
 MAX_INSCRIBED_TRIANGLES, TRIANGLES_AT_ONCE = 1 << 22, 1 << 18
 """by which it is found out how solid a reflector is: a second for every million"""
 CONVEXITY_TRIANGLES, CONVEXITY_CORNERS = 512, 4096
@@ -50,15 +52,13 @@ MIN_EYE_HEIGHT_SHARE = 1e-3
 
 
 def eye_is_inside(snapshot: SceneSnapshot, own: np.ndarray, corners_ws: np.ndarray) -> bool:
-    """Whether a reflector is nearly all around the eye: a room, but no arch, ring or row of columns. own: (n,) int64 its instances;
-    corners_ws: (n, 3) of its boxes"""
+    """Whether a reflector is nearly all around the eye: a room, but no arch, ring, row of columns or loose foliage. One that is too fine
+    to find out counts as none. own: (n,) int64 its instances; corners_ws: (n, 3) of its boxes"""
     eye_ws = snapshot.camera.world_from_view[:3, 3]
     inside = (eye_ws > corners_ws.min(axis=0)) & (eye_ws < corners_ws.max(axis=0))
-    if snapshot.camera.is_orthographic or not inside.all():
+    if snapshot.camera.is_orthographic or not inside.all() or is_too_fine(snapshot, own):
         return False
-    front, back = _solid_angles(snapshot, own, eye_ws)
-    # of walls with two sides the eye sees one
-    return max(front, back) > ROOM_SHARE * 4 * np.pi
+    return _covers(snapshot, own, eye_ws, ROOM_SHARE)
 
 
 def _reach(corners_ws: np.ndarray, center_ws: np.ndarray) -> float:
@@ -340,6 +340,54 @@ def _solid_angles(snapshot: SceneSnapshot, own: np.ndarray, place_ws: np.ndarray
         front -= float(angles[angles < 0].sum())
         back += float(angles[angles > 0].sum())
     return front, back
+
+
+def _covers(snapshot: SceneSnapshot, own: np.ndarray, place_ws: np.ndarray, share: float) -> bool:
+    """Whether a reflector lies in more than a share of all directions from a place, however often in each."""
+    tangents = (np.arange(DIRECTION_CELLS) + 0.5) / DIRECTION_CELLS * 2 - 1
+    y, x = np.meshgrid(tangents, tangents, indexing="ij")
+    faces = [np.roll(np.stack([x, y, np.full_like(x, side)], axis=-1), axis + 1, axis=-1) for axis in range(3) for side in (1.0, -1.0)]
+    directions = np.concatenate([face.reshape(-1, 3) for face in faces])
+    weights = np.tile(((1 + x**2 + y**2) ** -1.5).ravel(), 6)
+    covered = np.zeros(len(directions), bool)
+    for triangles in placed_triangles(snapshot, own, place_ws):
+        # what is smaller than half a cell has one cell's centre within it or none
+        is_small = np.zeros(len(triangles), bool)
+        longest = np.abs(triangles[:, 0]).argmax(axis=1)
+        for face in range(6):
+            axis, side = face // 2, 1 - 2 * (face % 2)
+            own = np.flatnonzero((longest == axis) & (side * triangles[:, 0, axis] > 0))
+            ahead = side * triangles[own, :, axis]
+            at = triangles[own][:, :, [(axis + 1) % 3, (axis + 2) % 3]] / np.where(ahead > 0, ahead, np.inf)[..., None]
+            low, high = (combine.reduce([at[:, 0], at[:, 1], at[:, 2]]) for combine in (np.minimum, np.maximum))
+            fits = (ahead.min(axis=1) > 0) & ((high - low).max(axis=1) < 1 / DIRECTION_CELLS) & (np.maximum(high, -low).max(axis=1) < 1)
+            is_small[own[fits]] = True
+            cells = ((at[fits].mean(axis=1) + 1) / 2 * DIRECTION_CELLS).astype(np.int64)
+            numbers = (face * DIRECTION_CELLS + cells[:, 1]) * DIRECTION_CELLS + cells[:, 0]
+            is_open = ~covered[numbers]
+            numbers, small = numbers[is_open], triangles[own[fits][is_open]]
+            covered[numbers[_within(directions[numbers][:, None], _sides(small))[:, 0]]] = True
+        large = triangles[~is_small]
+        for first in range(0, len(large), LARGE_AT_ONCE):
+            left = np.flatnonzero(~covered)
+            part = large[first : first + LARGE_AT_ONCE]
+            covered[left[_within(directions[None, left], _sides(part)).any(axis=0)]] = True
+            if weights[covered].sum() > share * weights.sum():
+                return True
+    return bool(weights[covered].sum() > share * weights.sum())
+
+
+def _sides(triangles: np.ndarray) -> np.ndarray:
+    """(n, 3, 3): normals of the planes through the origin and the triangles' sides, towards the triangles; 0 where these have none"""
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    sides = np.stack([np.cross(a, b), np.cross(b, c), np.cross(c, a)], axis=1)
+    return sides * np.sign((sides[:, 0] * c).sum(axis=1))[:, None, None]
+
+
+def _within(directions: np.ndarray, sides: np.ndarray) -> np.ndarray:
+    """(n, m) bool whether directions, (n or 1, m, 3), lie on the right side of all of the n triangles'"""
+    heights = directions @ np.swapaxes(sides, 1, 2)
+    return (heights >= 0).all(axis=2) & (heights > 0).any(axis=2)
 
 
 def _inscribed_radius(snapshot: SceneSnapshot, own: np.ndarray, center_ws: np.ndarray) -> float:
