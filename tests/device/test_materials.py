@@ -24,6 +24,7 @@ from vir_addon.core.material import (
     World,
 )
 from vir_addon.core.material_program import MAX_INSTRUCTIONS, TooLongError, evaluate_operation
+from vir_addon.core.passes.surface_data import SurfaceData
 from vir_addon.core.reflectance_table import fresnel_dielectric, ggx_lobe
 
 PLAIN = {"dielectric_weight": BLACK, "roughness": Constant((0.5,) * 3)}
@@ -343,6 +344,28 @@ def test_coats_reflect_most_over_rough_surfaces(device):
     metal = Material("m", BLACK, BLACK, metal_weight=WHITE, metal=gray(0.9), roughness=gray(0.4), coat_weight=WHITE)
     found = ask(device, scene_of([square()] * 2, [coated, metal]), instance=[0, 1])
     np.testing.assert_allclose(found.reflection_roughness, [0.1, 0.4], atol=1e-6)
+
+
+COMPUTED = CornerValue(UV)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "flags", "emission_flags"),
+    [
+        ({}, (), ()),
+        ({"diffuse": COMPUTED, "roughness": COMPUTED}, ("PROGRAMS",), ()),
+        ({"emission": COMPUTED}, ("PROGRAMS",), ("PROGRAMS",)),
+        ({"coat_weight": COMPUTED}, ("PROGRAMS",), ("PROGRAMS",)),
+        ({"coat_ior": COMPUTED}, ("PROGRAMS",), ()),
+        ({"coat_ior": COMPUTED, "coat_weight": gray(0.5)}, ("PROGRAMS",), ("PROGRAMS",)),
+        ({"normal_map": NormalMap(COMPUTED, gray(1.0))}, ("PROGRAMS",), ()),
+        ({"normal_map": NormalMap(COMPUTED, gray(1.0)), "coat_weight": gray(0.5)}, ("PROGRAMS",), ("PROGRAMS",)),
+    ],
+)
+def test_programs_are_compiled_where_something_asked_for_is_computed(device, inputs, flags, emission_flags):
+    surfaces = SurfaceData(scene_of([square(), square()], [Material("plain"), Material("other", **inputs)]), device)
+    assert (surfaces.flags, surfaces.emission_flags) == (flags, emission_flags)
+    surfaces.release()
 
 
 def test_lights_behind_and_dark_surfaces(device):

@@ -250,7 +250,7 @@ class ReflectionWork:
         if self.has_surroundings:
             yield
             self._walk(
-                self.device.compute_kernel(LIGHT_BY_SURROUNDINGS, *self.materials.flags, *flags),
+                self.device.compute_kernel(LIGHT_BY_SURROUNDINGS, *self.materials.emission_flags, *flags),
                 **self.scene_data.bindings,
                 **self.materials.bindings,
                 **self.maps.bindings,

@@ -18,7 +18,7 @@ import numpy as np
 from ...device.declaration import Sampled
 from ...device.interface import Device, Texture, split_integers
 from ...device.owned import Owned, Shared
-from ..material import ImageTexels, Layer, LayerKind, Material, World
+from ..material import BLACK, Constant, ImageTexels, Layer, LayerKind, Material, World
 from ..material_program import (
     LUMINANCE,
     MATERIAL_INPUTS,
@@ -83,6 +83,8 @@ class SurfaceRows(NamedTuple):
     images: np.ndarray
     has_programs: bool
     """inputs of some material are not constant"""
+    has_emission_programs: bool
+    """what some surface emits is not"""
 
 
 def pack_surfaces(snapshot: SceneSnapshot) -> SurfaceRows:
@@ -115,7 +117,8 @@ def pack_surfaces(snapshot: SceneSnapshot) -> SurfaceRows:
                     1.0,
                     _texels_per_triangle(layer),
                 )
-    return SurfaceRows(rows.gather(), image_rows, any(len(program.rows) for program in programs))
+    has_programs = any(len(program.rows) for program in programs)
+    return SurfaceRows(rows.gather(), image_rows, has_programs, any(map(_has_computed_emission, materials)))
 
 
 class SurfaceData(Shared):
@@ -132,6 +135,8 @@ class SurfaceData(Shared):
             }
             self.flags = ("PROGRAMS",) * rows.has_programs
             """of kernels that ask for surfaces"""
+            self.emission_flags = ("PROGRAMS",) * rows.has_emission_programs
+            """of those that only ask what surfaces emit"""
             self._owned = owned.pop_all()
 
     def _free(self) -> None:
@@ -154,6 +159,15 @@ class _Rows:
 
     def gather(self) -> np.ndarray:
         return np.concatenate(self._parts, dtype=np.float32)
+
+
+def _has_computed_emission(material: Material) -> bool:
+    """Whether programs are needed for what it emits, under its coat."""
+    asked = [material.emission]
+    if material.coat_weight != BLACK:
+        asked += [material.coat_weight, material.coat_roughness, material.coat_ior]
+        asked += [material.normal_map.color, material.normal_map.strength] if material.normal_map else []
+    return not all(isinstance(one, Constant) for one in asked)
 
 
 def _all_images(materials: Iterable[Material], world: World) -> list[ImageTexels]:
