@@ -348,7 +348,9 @@ def with_alpha(mode, color_space, *, uses_alpha):
 
 @pytest.mark.parametrize("color_space", ["sRGB", "Non-Color"])
 def test_images_with_alpha_as_in_cycles(device, scene, add, look, color_space):
-    modes = ("STRAIGHT", "PREMUL", "CHANNEL_PACKED", "NONE")
+    # Cycles 4.5 multiplies bytes of colours by alpha though they are said to be premultiplied; VIR does as 5.2
+    premultiplied = ("PREMUL",) if bpy.app.version >= (5, 0) or color_space == "Non-Color" else ()
+    modes = ("STRAIGHT", *premultiplied, "CHANNEL_PACKED", "NONE")
     materials = [with_alpha(mode, color_space, uses_alpha=uses_alpha) for mode in modes for uses_alpha in (False, True)]
     away = rows_of_squares(add, materials)
     ours, truth = our_radiance(device, look(), len(materials), away), cycles_radiance(scene, len(materials), 16)
