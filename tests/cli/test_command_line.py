@@ -3,17 +3,20 @@
 import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import vir_addon
 from vir_addon.__main__ import main
 from vir_addon.cli.commands import jobs_of
-from vir_addon.cli.progress import ShownProgress
+from vir_addon.cli.progress import STAGE_TEXTS, ShownProgress
 from vir_addon.core.settings import Settings
 from vir_addon.device.moderngl_device import ModernglDevice
 
@@ -283,3 +286,11 @@ def test_ctrl_c_leaves_no_half_written_files(blend, folder):
     for path in output.iterdir():
         with OpenEXR.File(str(path)) as file:
             assert file.parts
+
+
+def test_every_stage_of_a_render_has_a_text():
+    core = Path(vir_addon.__file__).parent / "core"
+    sources = [path.read_text(encoding="utf-8") for path in core.rglob("*.py")]
+    stages = {name for source in sources for name in re.findall(r'\b(?:stages?|host_work)\("([^"]+)"', source)}
+    assert len(stages) > 8
+    assert stages <= set(STAGE_TEXTS)

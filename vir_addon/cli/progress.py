@@ -17,6 +17,7 @@ STAGE_TEXTS = {
     "upload": "uploading the scene",
     "eye G-buffer": "finding what the camera sees",
     "read-back": "finding what the camera sees",
+    "fit": "choosing what reflectors see",
     "reflection maps": "drawing what reflectors see",
     "reflect": "following reflections",
     "light reflections": "lighting reflections",
