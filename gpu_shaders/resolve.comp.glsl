@@ -113,6 +113,59 @@ LookUp look_up(int k, vec3 p, vec3 normal_fs, vec2 at, float depth) {
     return own;
 }
 
+// Whether the light grazes the receiver's plane: it passes all depths at which others may touch it within a texel.
+bool is_grazed(LookUp own) {
+    float run = max(abs(own.facing_step.x), abs(own.facing_step.y));
+    return run >= CONTACT_FOOTPRINTS * footprint_share * abs(own.ray_facing);
+}
+
+// Along which the receiver's plane rises, as whole texels and exactly.
+vec2 slope_of(LookUp own) {
+    return own.facing_step / max(max(abs(own.facing_step.x), abs(own.facing_step.y)), 1e-30);
+}
+
+// Where points have an outline, a texel with its centre beyond still stores the surface.
+#if defined(POINT_MAPS) && !defined(MIXED_MAPS)
+const bool HAS_CENTRES_BEYOND = false;
+#else
+const bool HAS_CENTRES_BEYOND = true;
+#endif
+
+const int UNTOLD = 0;
+const int ABOVE = 1;
+const int BELOW = 2;
+
+// Which side of a receiver the outline of the surface before it passes, between the texels: how steeply the surface comes up to it tells.
+// Where its crest is as deep as the receiver, a round surface comes up to it as a parabola does, and `share` is 1; it is 0 where
+// the crest is much nearer, as that of something else is.
+int outline_of(int k, LookUp own, float z, bool is_round) {
+    if (!is_round) {
+        return UNTOLD;  // surfaces fall away from the edges of large facets as they may
+    }
+    vec2 slope = slope_of(own);
+    ivec2 up = ivec2(round(slope));
+    float step_up = dot(vec2(up), slope);
+    float above = dot(own.offset, slope);  // the receiver, of the centre of the nearest texel below it
+    ivec2 texel = own.address;
+    if (above <= 0.0) {
+        texel -= up;
+        above += step_up;
+    }
+    ivec2 low = ivec2(0, view_first_row(k));
+    ivec2 high = low + map_size - 1;
+    float nearer = z - stored_depth(clamp(texel, low, high));
+    float below = z - stored_depth(clamp(texel - up, low, high));
+    float rise = below - nearer;
+    float rise_below = z - stored_depth(clamp(texel - 2 * up, low, high)) - below;
+    float share = above * rise * (nearer + below) / (step_up * nearer * nearer);
+    // planes rise evenly, and different surfaces have nothing in common
+    is_round = nearer > MAX_NEARER_FOOTPRINTS * own.footprint && rise_below <= OUTLINE_MAX_BEND * rise;
+    if (is_round && share < OUTLINE_ABOVE_SHARE && rise_below >= OUTLINE_MIN_BEND * rise) {
+        return ABOVE;
+    }
+    return is_round && share > OUTLINE_BELOW_SHARE && rise_below >= 0.5 * OUTLINE_MIN_BEND * rise ? BELOW : UNTOLD;
+}
+
 // What the point's own texel says. p: from the view's centre, face space; depth: what the map has there
 int sight(int k, vec3 p, vec3 normal_fs, float depth) {
     if (facing_of(k, p, normal_fs) >= 0.0) {
@@ -125,43 +178,67 @@ int sight(int k, vec3 p, vec3 normal_fs, float depth) {
     }
     LookUp own = look_up(k, p, normal_fs, at, depth);
     if (leaves_in_sight(own.depth, own.height, p.z, own.footprint)) {
-        return SEEN;
+        bool is_beyond = HAS_CENTRES_BEYOND && own.depth >= p.z + MAX_DEEPER_FOOTPRINTS * own.footprint;
+        return is_beyond && dot(own.offset, own.facing_step) < 0.0 && is_grazed(own) ? UNDECIDED : SEEN;
     }
     bool is_far = own.depth <= p.z - CONTACT_FOOTPRINTS * own.footprint;
     return is_of_point(own.depth) || !is_far || is_below(own.depth, own.height, p.z, own.footprint) ? UNDECIDED : HIDDEN;
 }
 
-// Whether a point is seen that its own texel left undecided.
-bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs) {
+// Whether the surface is flat from a pixel to one of its neighbours.
+bool is_flat_around(ivec2 pixel, vec3 normal) {
+    bool flat_around = false;
+    for (int i = 0; i < 4; i++) {
+        ivec2 aside = (i & 1) == 0 ? ivec2(i - 1, 0) : ivec2(0, i - 2);
+        vec3 other = texelFetch(normals, clamp(pixel + aside, ivec2(0), ivec2(width, height) - 1), 0).xyz;
+        flat_around = flat_around || all(lessThan(abs(other - normal), vec3(FLAT_NORMAL_DIFFERENCE)));
+    }
+    return flat_around;
+}
+
+// Whether a point is seen that its own texel left undecided. is_round: whether the surface is curved as far as the picture shows
+bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
     LookUp own = look_up(k, p, normal_fs, map_position(k, p), depth_at(k, p));
+    if (own.depth >= p.z + MAX_DEEPER_FOOTPRINTS * own.footprint) {
+        return outline_of(k, own, p.z, is_round) != ABOVE;
+    }
     ivec2 toward = ivec2(own.offset.x > 0.0 ? 1 : -1, own.offset.y > 0.0 ? 1 : -1);
     vec2 facing_step = own.facing_step * vec2(toward);
     float contact = CONTACT_FOOTPRINTS * own.footprint;
+    bool of_point = is_of_point(own.depth);
+    bool is_far = own.depth <= p.z - contact;
+    bool is_above_centre = dot(own.offset, own.facing_step) > 0.0;
     bool at_outline = false;
+    float highest = own.height;  // of the texels around the place
 #ifdef POINT_MAPS
     // A texel is covered if a point lies anywhere in it, which enlarges outlines by half a texel all around, less what the points lie
     // within them. Asking all four texels around the place, but for those about whose middle it lies, shrinks them by as much.
     ivec2 beyond = toward * ivec2(greaterThan(abs(own.offset), vec2(POINT_MARGIN_TEXELS)));
     vec2 beyond_step = own.facing_step * vec2(beyond);
-    float depth_x = stored_depth(own.address + ivec2(beyond.x, 0));
-    float depth_y = stored_depth(own.address + ivec2(0, beyond.y));
-    float depth_xy = stored_depth(own.address + beyond);
-    at_outline = is_of_point(own.depth) &&
-                 (leaves_in_sight(depth_x, height_of(own, depth_x, beyond_step.x), p.z, own.footprint) ||
-                  leaves_in_sight(depth_y, height_of(own, depth_y, beyond_step.y), p.z, own.footprint) ||
-                  leaves_in_sight(depth_xy, height_of(own, depth_xy, beyond_step.x + beyond_step.y), p.z, own.footprint));
+    vec3 depths = vec3(stored_depth(own.address + ivec2(beyond.x, 0)), stored_depth(own.address + ivec2(0, beyond.y)),
+                       stored_depth(own.address + beyond));
+    vec3 heights = vec3(height_of(own, depths.x, beyond_step.x), height_of(own, depths.y, beyond_step.y),
+                        height_of(own, depths.z, beyond_step.x + beyond_step.y));
+    at_outline = of_point && (leaves_in_sight(depths.x, heights.x, p.z, own.footprint) ||
+                              leaves_in_sight(depths.y, heights.y, p.z, own.footprint) ||
+                              leaves_in_sight(depths.z, heights.z, p.z, own.footprint));
+    vec3 nearer = mix(vec3(own.height), heights, lessThan(depths, vec3(p.z)));
+    highest = max(highest, max(nearer.x, max(nearer.y, nearer.z)));
 #endif
     if (is_below(own.depth, own.height, p.z, own.footprint)) {
         // Nearer by much and yet not above the plane: that is how a surface curves away from a receiver that the light grazes, as well as any
         // place of what stands before it. Only the latter reaches to the plane's upper side.
-        vec2 slope = own.facing_step / max(max(abs(own.facing_step.x), abs(own.facing_step.y)), 1e-30);
-        ivec2 up = ivec2(round(slope));
+        ivec2 up = ivec2(round(slope_of(own)));
         float depth_up = stored_depth(own.address + up);
-        return at_outline || leaves_in_sight(depth_up, height_of(own, depth_up, dot(own.facing_step, vec2(up))), p.z, own.footprint);
+        bool ends = at_outline || leaves_in_sight(depth_up, height_of(own, depth_up, dot(own.facing_step, vec2(up))), p.z, own.footprint);
+        // above the plane are points' planes, too, that were carried past facets' edges, but not by so much
+        ends = ends && !(of_point && highest > POINT_MAX_RISE_FOOTPRINTS * own.footprint);
+        bool tells = !of_point || !is_above_centre || (is_far && highest > POINT_MIN_RISE_FOOTPRINTS * own.footprint);
+        return ends && !(tells && outline_of(k, own, p.z, is_round) == ABOVE);
     }
 #ifdef POINT_MAPS
-    if (own.depth <= p.z - contact) {
-        return at_outline;
+    if (is_far) {
+        return at_outline && !(is_grazed(own) && !is_above_centre && outline_of(k, own, p.z, is_round) == ABOVE);
     }
 #endif
     // What is so near may touch the receiver within the texel, or be the receiver itself, curved. How it rises away from the point tells
@@ -175,7 +252,9 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs) {
     // only what comes down to the receiver between the texels touches it; other outlines are enlarged ones
     seen = seen || (at_outline && own.height >= rise.x + rise.y);
 #endif
-    return seen;
+    // a texel whose centre is on the plane's upper side has the surface only if it was enlarged
+    bool may_pass = is_grazed(own) && (of_point || is_above_centre);
+    return seen || (may_pass && outline_of(k, own, p.z, is_round) == BELOW);
 }
 
 struct Receiver {
@@ -253,11 +332,12 @@ void main() {
         } while (k + 1 < last);
         // few in most places: a loop of its own costs only where there are some, at most MAX_BATCH_VIEWS turns
         if (undecided != 0u) {
+            bool is_round = !is_flat_around(pixel, normal.xyz);
             do {
                 int view = findLSB(undecided);
                 undecided &= undecided - 1u;
                 vec3 p = receiver.p_fs - view_center(view);
-                bool seen = seen_by_neighbours(view, p, receiver.normal_fs);
+                bool seen = seen_by_neighbours(view, p, receiver.normal_fs, is_round);
                 sums.x += seen ? delivered(sampled_point(view), p, receiver.shading_fs) : 0.0;
             } while (undecided != 0u);
         }

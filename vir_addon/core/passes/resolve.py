@@ -50,6 +50,18 @@ TOLERANCES: dict[str, int | float] = {
     "RASTER_BIAS_FOOTPRINTS": 1 / 8,
     # How far within outlines points end on average: half of an outline's cells have their centre inside, up to half a cell away.
     "POINT_MARGIN_TEXELS": 0.09,
+    # Planes that points carry past facets' edges rise above the receiver's by no more, and what of a grazed surface's outline is higher
+    # than the least of these is not such a plane.
+    "POINT_MAX_RISE_FOOTPRINTS": 5 / 8,
+    "POINT_MIN_RISE_FOOTPRINTS": 2 / 5,
+    # Normals of neighbouring pixels that differ by less are of one facet, or of a plane.
+    "FLAT_NORMAL_DIFFERENCE": 1e-5,
+    # Outlines between texels, of surfaces that are round: what rises from the second texel to the third, of what rises before, ...
+    "OUTLINE_MIN_BEND": 1 / 2,
+    "OUTLINE_MAX_BEND": 0.95,
+    # ... and which shares of a parabola through the receiver put them above it or below.
+    "OUTLINE_ABOVE_SHARE": 1 / 4,
+    "OUTLINE_BELOW_SHARE": 1 / 2,
 }
 """of a look-up. Where they come from: docs/passes.md; what each costs: the benchmark `tolerances`"""
 
