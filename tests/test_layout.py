@@ -69,6 +69,10 @@ def violations(path: Path, source: str) -> list[str]:
         found.append("a pass or method imports a backend instead of the device's interface")
     if name.startswith("core/passes/") and any(module.startswith("core.methods") for module in inside):
         found.append("a pass imports a method")
+    if name.startswith("core/passes/") and any(module.startswith("core.reflections") for module in inside):
+        found.append("a pass imports what decides about reflections")
+    if name.startswith("blender/materials/") and any(not module.startswith(("blender.materials", "core")) for module in inside):
+        found.append("the reading of materials imports more than terms of core")
     found += [f"line {line}: GLSL belongs into gpu_shaders/" for line in glsl_lines(tree)]
     return found
 
@@ -109,6 +113,8 @@ def test_source_keeps_to_its_folder(path):
         ("core/passes/a.py", "from ...device.moderngl_device import Device"),
         ("core/methods/a.py", "from ...device import blender_gpu_device"),
         ("core/passes/a.py", "from ..methods import mvr"),
+        ("core/passes/a.py", "from ..reflections.views import looks"),
+        ("blender/materials/a.py", "from ..extract.mesh import extract_mesh"),
         ("core/a.py", 'SHADER = """\n#version 430\n"""'),
         ("device/a.py", 'SHADER = "void main() { gl_Position = vec4(0); }"'),
     ],

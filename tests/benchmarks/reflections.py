@@ -23,7 +23,7 @@ from vir_addon.core.methods.reflected_points import clouds
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, ReflectionStatistics
 from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL, ReflectionMaps
 from vir_addon.core.plan import plan, settings_for
-from vir_addon.core.reflection_work import ReflectionWork
+from vir_addon.core.reflections.work import ReflectionWork
 from vir_addon.core.render import Renderer, render
 from vir_addon.core.scene import SceneSnapshot
 from vir_addon.core.settings import Effect, ReflectionMethod, Settings

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 bpy = pytest.importorskip("bpy")
 
-from vir_addon.blender.extract_camera import compute_window, extract_camera, extract_picture, extract_pixel_filter  # noqa: E402
+from vir_addon.blender.extract.camera import compute_window, extract_camera, extract_picture, extract_pixel_filter  # noqa: E402
 from vir_addon.core.errors import SceneError  # noqa: E402
 from vir_addon.core.scene import FilterShape  # noqa: E402
 

@@ -8,7 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from vir_addon.blender.extract import snapshot  # noqa: E402  (bpy decides whether this file runs)
-from vir_addon.blender.extract_instances import choose_world_origin  # noqa: E402
+from vir_addon.blender.extract.instances import choose_world_origin  # noqa: E402
 from vir_addon.blender.render_depsgraph import with_render_depsgraph  # noqa: E402
 from vir_addon.core.errors import SceneError  # noqa: E402
 from vir_addon.core.scene import Mesh  # noqa: E402

@@ -14,8 +14,9 @@ bpy = pytest.importorskip("bpy")
 from tests.blender.test_material_opacity import Nodes, with_uvs  # noqa: E402  (bpy decides whether this file runs)
 from tests.blender.test_material_surface import saved_image  # noqa: E402
 from vir_addon import blender  # noqa: E402
-from vir_addon.blender import devices, frame_hook, frame_state, image_cache  # noqa: E402
+from vir_addon.blender import devices, frame_hook, frame_state  # noqa: E402
 from vir_addon.blender.images import MISSING_COLOR, scene_images  # noqa: E402
+from vir_addon.blender.materials import image_cache  # noqa: E402
 from vir_addon.core.errors import DeviceError  # noqa: E402
 from vir_addon.core.render import Renderer  # noqa: E402
 

@@ -276,7 +276,7 @@ def test_a_packed_image(add, take, tmp_path):
 
 
 def test_large_images_are_shrunk_and_said(add, take, monkeypatch):
-    from vir_addon.blender import image_texels
+    from vir_addon.blender.materials import image_texels
 
     monkeypatch.setattr(image_texels, "MAX_SIDE_PX", 16)
     nodes = Nodes()

@@ -8,7 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from tests.blender.test_material_opacity import SQUARE, UVS, Nodes, image_of, square, with_uvs  # noqa: E402  (bpy decides)
-from vir_addon.blender import image_texels  # noqa: E402
+from vir_addon.blender.materials import image_texels  # noqa: E402
 from vir_addon.core.material import CornerValue, ImageSample, Layer, LayerKind  # noqa: E402
 from vir_addon.core.material_program import evaluate_on_texels, sampled_images  # noqa: E402
 

@@ -9,9 +9,9 @@ bpy = pytest.importorskip("bpy")
 
 from tests.blender.test_material_opacity import Nodes, square  # noqa: E402  (bpy decides whether this file runs)
 from tests.blender.test_material_surface import saved_image  # noqa: E402
-from vir_addon.blender import image_cache  # noqa: E402
 from vir_addon.blender.extract import SceneReading, snapshot  # noqa: E402
-from vir_addon.blender.mesh_cache import MeshCache  # noqa: E402
+from vir_addon.blender.extract.mesh_cache import MeshCache  # noqa: E402
+from vir_addon.blender.materials import image_cache  # noqa: E402
 from vir_addon.core.material_program import sampled_images  # noqa: E402
 from vir_addon.core.scene import SceneSnapshot, has_same_meshes, has_same_picture  # noqa: E402
 

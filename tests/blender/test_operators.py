@@ -20,7 +20,7 @@ from vir_addon.blender.properties import settings_of  # noqa: E402
 from vir_addon.blender.stepped_render import SteppedRender  # noqa: E402
 from vir_addon.core.errors import DeviceError, SceneError  # noqa: E402
 from vir_addon.core.plan import settings_for  # noqa: E402
-from vir_addon.core.reflectors import Reflector  # noqa: E402
+from vir_addon.core.reflections.reflectors import Reflector  # noqa: E402
 
 
 @pytest.fixture

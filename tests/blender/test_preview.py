@@ -12,10 +12,10 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from vir_addon.blender.extract import snapshot  # noqa: E402  (bpy decides whether this file runs)
-from vir_addon.blender.light_linking import SceneLinking  # noqa: E402
-from vir_addon.blender.mesh_cache import MeshCache, changes_only_lights  # noqa: E402
+from vir_addon.blender.extract.light_linking import SceneLinking  # noqa: E402
+from vir_addon.blender.extract.mesh_cache import MeshCache, changes_only_lights  # noqa: E402
+from vir_addon.blender.extract.viewport_view import viewport_view  # noqa: E402
 from vir_addon.blender.preview.viewport import LEVELS, ViewportPreview  # noqa: E402
-from vir_addon.blender.viewport_view import viewport_view  # noqa: E402
 from vir_addon.core.errors import SceneError, UsageError  # noqa: E402
 from vir_addon.core.passes.accumulate import pass_image  # noqa: E402
 from vir_addon.core.picture import Choice, Shown  # noqa: E402

@@ -8,8 +8,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from vir_addon.blender.extract import snapshot  # noqa: E402  (bpy decides whether this file runs)
-from vir_addon.blender.extract_camera import extract_camera, extract_picture  # noqa: E402
-from vir_addon.blender.viewport_view import viewport_view  # noqa: E402
+from vir_addon.blender.extract.camera import extract_camera, extract_picture  # noqa: E402
+from vir_addon.blender.extract.viewport_view import viewport_view  # noqa: E402
 from vir_addon.core.passes.eye import clip_from_view  # noqa: E402
 
 SIZE = (320, 200)

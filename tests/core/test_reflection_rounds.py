@@ -16,8 +16,8 @@ from vir_addon.core.light_work import LightWork
 from vir_addon.core.material import World
 from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL
 from vir_addon.core.plan import check_device, plan
-from vir_addon.core.reflection_rounds import MAX_HITS_MIB, hits_mib, plan_rounds
-from vir_addon.core.reflectors import memory_for_maps
+from vir_addon.core.reflections.reflectors import memory_for_maps
+from vir_addon.core.reflections.rounds import MAX_HITS_MIB, hits_mib, plan_rounds
 from vir_addon.core.settings import Effect, Settings
 from vir_addon.device.interface import LINEAR_TEXTURE_WIDTH
 

@@ -26,7 +26,7 @@ from vir_addon.core.material import World
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
 from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX
 from vir_addon.core.plan import plan as planned
-from vir_addon.core.reflectors import MAX_GROUPS, MAX_REFLECTORS
+from vir_addon.core.reflections.reflectors import MAX_GROUPS, MAX_REFLECTORS
 from vir_addon.core.scene import LightShape, Mesh
 from vir_addon.core.settings import Effect, Settings
 

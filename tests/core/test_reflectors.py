@@ -9,13 +9,13 @@ import pytest
 
 from tests.core.test_reflections import box_colors, camera_rays, colored_box, mirrored_colors, nearest_instance
 from tests.scenes import box, bumpy_sphere, camera_from_above, floor, matte, mirror, perspective_camera, rectangle, render_passes, snapshot
-from vir_addon.core import reflector_views
 from vir_addon.core.material import Constant, ImageSample, ImageTexels, Operation, TableLookup, World
 from vir_addon.core.material_program import combined, typical_value
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
 from vir_addon.core.passes.reflection_maps import instances_in_face
 from vir_addon.core.plan import plan as planned
-from vir_addon.core.reflectors import MAX_GROUPS, MAX_REFLECTORS, MIN_MAP_RAYS
+from vir_addon.core.reflections import views as reflector_views
+from vir_addon.core.reflections.reflectors import MAX_GROUPS, MAX_REFLECTORS, MIN_MAP_RAYS
 from vir_addon.core.render import render
 from vir_addon.core.scene import Mesh
 from vir_addon.core.settings import Effect, Settings

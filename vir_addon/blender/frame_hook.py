@@ -22,9 +22,9 @@ from ..core.settings import Effect
 from . import devices, frame_state
 from .compositor import compositor_tree, has_node, has_pass_nodes
 from .extract import snapshot
-from .image_cache import ImageCache
 from .images import mark_missing, pack_unsaved, write_images
 from .job import LayerJob, rendered_view_layers
+from .materials.image_cache import ImageCache
 from .properties import settings_of
 from .render_depsgraph import is_evaluating
 from .stepped_render import SteppedRender

@@ -20,7 +20,7 @@ from .scene import Light, LightShape, SceneSnapshot
 from .settings import Hardware, Method, PointGeneration, PointStorage, ReflectionMethod, Settings
 
 if TYPE_CHECKING:
-    from .reflectors import PlannedReflections
+    from .reflections.reflectors import PlannedReflections
 
 POINT_BYTES = 16
 MICRO_BYTES_PER_TRIANGLE = 48

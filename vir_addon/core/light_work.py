@@ -24,7 +24,7 @@ from .passes.scene_data import SceneData
 from .passes.shadow_maps import MAX_BATCH_VIEWS, DepthMaps, face_table, samples_table, views_table
 from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
 from .reach import select_receivers
-from .reflection_work import Hits, ReflectionWork
+from .reflections.work import Hits, ReflectionWork
 from .sampling import light_samples, sample_weights
 from .scene import Light, LightShape
 from .settings import Method

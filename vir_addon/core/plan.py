@@ -15,8 +15,8 @@ from .fit import fit_light
 from .pass_set import unique_pass_names
 from .passes.shadow_maps import BYTES_PER_TEXEL, MAX_BATCH_VIEWS
 from .reach import Receivers, light_casters, lit_places, may_shadow
-from .reflection_rounds import ReflectionRounds, least_ray_batches, plan_rounds
-from .reflectors import PlannedReflections, choose_reflectors
+from .reflections.reflectors import PlannedReflections, choose_reflectors
+from .reflections.rounds import ReflectionRounds, least_ray_batches, plan_rounds
 from .sampling import light_samples
 from .scene import Camera, Light, LightShape, SceneSnapshot
 from .settings import Effect, Hardware, Method, PointGeneration, PointStorage, Settings

@@ -37,11 +37,11 @@ from .passes.scene_data import SceneData, SceneGeometry, pack_geometry
 from .passes.surface_data import SurfaceData, pack_surfaces
 from .picture import Shown
 from .plan import PlannedPass, RenderPlan, check_device, instances_in_picture
-from .reflection_work import ReflectionWork
-from .reflectors import SMALLER, PlannedReflections, choose_reflectors, memory_for_maps, reflecting_instances
+from .reflections.reflectors import SMALLER, PlannedReflections, choose_reflectors, memory_for_maps, reflecting_instances
+from .reflections.seen_places import SeenPlaces
+from .reflections.work import ReflectionWork
 from .sampling import pixel_offsets
 from .scene import SceneSnapshot, has_same_meshes, has_same_picture, has_same_surfaces, is_same_light
-from .seen_places import SeenPlaces
 from .steps import HostWork, Steps, run_steps
 from .stopwatch import OnStage, Stopwatch
 

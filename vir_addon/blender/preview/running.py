@@ -21,11 +21,11 @@ from ...core.picture import Choice
 from ...core.picture import Shown as ShownPasses
 from ...core.settings import Settings
 from .. import devices
+from ..extract.mesh_cache import MeshCache, changes_only_lights
+from ..extract.viewport_view import ViewportView, viewport_view
 from ..frame_state import is_rendering
-from ..mesh_cache import MeshCache, changes_only_lights
 from ..properties import settings_of
 from ..render_depsgraph import is_evaluating
-from ..viewport_view import ViewportView, viewport_view
 from .overlay import Display, Overlay, draw_text
 from .viewport import ViewportPreview, is_same_view
 

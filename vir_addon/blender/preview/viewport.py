@@ -23,8 +23,8 @@ from ...core.scene import SceneSnapshot, has_same_picture, has_same_surfaces, is
 from ...core.settings import Effect, Settings
 from ...device.interface import Device
 from ..extract import ReadSurfaces, SceneReading
-from ..mesh_cache import MeshCache
-from ..viewport_view import ViewportView
+from ..extract.mesh_cache import MeshCache
+from ..extract.viewport_view import ViewportView
 
 ROOM_SHARE = 0.25
 """Steps that take less of the budget leave room for a finer level, whose steps take up to four times as long."""

@@ -34,7 +34,7 @@ from ..passes.reflected_points import (
 )
 from ..passes.reflection_maps import ReflectionMap, ReflectionMaps
 from ..passes.scene_data import WORK_GROUP_SIZE, WorkTable
-from ..reflectors import Reflector
+from ..reflections.reflectors import Reflector
 from ..settings import ReflectionMethod, Settings
 from .linear_store import LinearStore
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ..core.material import (
+from ...core.material import (
     WHITE,
     CornerValue,
     ImageSample,
@@ -18,12 +18,12 @@ from ..core.material import (
     MaterialInput,
     Operation,
 )
-from ..core.material_program import combined, constant
-from ..core.passes.material_images import texel_count_of
+from ...core.material_program import combined, constant
+from ...core.passes.material_images import texel_count_of
 from .expressions import channel_sum, is_gray
 from .image_cache import ImageCache
 from .image_texels import MAX_SIDE_PX, UnreadableImage
-from .node_inputs import (
+from .inputs import (
     EXTENSIONS,
     NodeInput,
     UnreadableNodes,
@@ -32,7 +32,7 @@ from .node_inputs import (
     read_direction,
     read_uv,
 )
-from .node_operations import OPERATION_NODES, refuse
+from .operations import OPERATION_NODES, refuse
 
 _MOST_NODES_DEEP = 60
 """Nodes between a socket and an image at most: what reads them calls itself."""

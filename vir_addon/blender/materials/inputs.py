@@ -9,7 +9,7 @@ import bpy
 import mathutils
 import numpy as np
 
-from ..core.material import IDENTITY_UV_ROWS, Extension, UvRows
+from ...core.material import IDENTITY_UV_ROWS, Extension, UvRows
 
 EXTENSIONS = {kind.name: kind for kind in Extension}
 """of image nodes"""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .pass_set import reflector_pass_names
-from .scene import SceneSnapshot
+from ..pass_set import reflector_pass_names
+from ..scene import SceneSnapshot
 
 
 class ReflectorPasses:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..core.material import BLACK, WHITE, Constant, ImageSample, MaterialInput, Operation
-from ..core.material_program import combined, constant
+from ...core.material import BLACK, WHITE, Constant, ImageSample, MaterialInput, Operation
+from ...core.material_program import combined, constant
 
 
 def is_gray(value: MaterialInput) -> bool:

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ..core.scene import Mesh
+from ...core.scene import Mesh
+from ..materials.opacity import MaterialOpacity
 from .corner_layers import read_material_slots, read_uvs
-from .extract_mesh import ExtractedMesh
-from .material_opacity import MaterialOpacity
+from .mesh import ExtractedMesh
 from .mesh_topology import is_closed
 
 

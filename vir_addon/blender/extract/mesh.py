@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..core.scene import Mesh
+from ...core.scene import Mesh
 from .mesh_topology import is_closed
 
 _BLOCK = 1 << 14

@@ -7,13 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..device.interface import LINEAR_TEXTURE_WIDTH, Device
-from .bounds import SceneBounds
+from ...device.interface import LINEAR_TEXTURE_WIDTH, Device
+from ..bounds import SceneBounds
+from ..material import Material
+from ..material_program import typical_value
+from ..passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX, ReflectionMap
+from ..scene import SceneSnapshot
+from ..settings import Settings
 from .map_methods import with_methods
-from .material import Material
-from .material_program import typical_value
-from .passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX, ReflectionMap
-from .reflector_views import (
+from .seen_places import Candidate, SeenPlaces, near_each_other
+from .views import (
     MAX_INSCRIBED_TRIANGLES,
     MAX_VIEW_PX,
     covered_size_px,
@@ -28,9 +31,6 @@ from .reflector_views import (
     main_plane,
     mirrored_view,
 )
-from .scene import SceneSnapshot
-from .seen_places import Candidate, SeenPlaces, near_each_other
-from .settings import Settings
 
 DEFAULT_BOUNCES = 2
 """where several reflectors in the picture may show in each other"""

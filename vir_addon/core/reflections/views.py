@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from .bounds import SceneBounds
-from .passes.reflection_maps import MAP_SIZE_STEP_PX, ReflectionMap
-from .scene import Camera, SceneSnapshot
+from ..bounds import SceneBounds
+from ..passes.reflection_maps import MAP_SIZE_STEP_PX, ReflectionMap
+from ..scene import Camera, SceneSnapshot
 
 MIN_MAP_PX, MAX_MAP_PX = 64, 1024
 MAX_VIEW_PX = 4096

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from . import cost
-from .passes.reflection_maps import ReflectionMap
-from .scene import SceneSnapshot
-from .settings import ReflectionMethod, Settings
+from .. import cost
+from ..passes.reflection_maps import ReflectionMap
+from ..scene import SceneSnapshot
+from ..settings import ReflectionMethod, Settings
 
 if TYPE_CHECKING:
     from .reflectors import Reflector

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from .scene import SceneSnapshot
-from .settings import Settings
+from ..scene import SceneSnapshot
+from ..settings import Settings
 
 MAX_ROUNDS_PER_BATCH = 4
 """Each keeps a G-buffer for every bounce until the batch's lights are through."""

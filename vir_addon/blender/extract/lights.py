@@ -9,8 +9,8 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.material_program import LUMINANCE
-from ..core.scene import Light, LightShape
+from ...core.material_program import LUMINANCE
+from ...core.scene import Light, LightShape
 
 _AREA_SHAPES = {
     "SQUARE": LightShape.RECTANGLE,

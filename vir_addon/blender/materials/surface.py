@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ..core.errors import SceneError
-from ..core.material import BLACK, WHITE, Constant, Layer, LayerKind, Material, MaterialInput, NormalMap, Operation, Rgb
-from ..core.material_program import combined, compile_material, constant, material_images, material_layers
-from ..core.scene import LeftOut
+from ...core.errors import SceneError
+from ...core.material import BLACK, WHITE, Constant, Layer, LayerKind, Material, MaterialInput, NormalMap, Operation, Rgb
+from ...core.material_program import combined, compile_material, constant, material_images, material_layers
+from ...core.scene import LeftOut
+from .colors import ColorReader
 from .expressions import clamped, mixed
 from .image_cache import ImageCache
 from .image_texels import UnreadableImage
-from .node_colors import ColorReader
-from .node_inputs import NodeInput, UnreadableNodes, by_identifier, output_node, output_target, slot_materials
+from .inputs import NodeInput, UnreadableNodes, by_identifier, output_node, output_target, slot_materials
 
 _MOST_SHADERS_DEEP = 40
 _LARGEST_REFLECTANCE = 0.99

@@ -14,20 +14,20 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.errors import SceneError
-from ..core.material import Material, World
-from ..core.scene import LeftOut, Light, SceneSnapshot
-from ..core.steps import HostWork, Steps, run_steps
-from .extract_camera import Picture, extract_camera, extract_picture, extract_pixel_filter
-from .extract_instances import PlacedInstances, SurfaceRows
-from .extract_lights import LightRow, name_lights, place_light
-from .extract_world import WorldReader
-from .image_cache import ImageCache, OutOfTimeError
+from ...core.errors import SceneError
+from ...core.material import Material, World
+from ...core.scene import LeftOut, Light, SceneSnapshot
+from ...core.steps import HostWork, Steps, run_steps
+from ..materials.image_cache import ImageCache, OutOfTimeError
+from ..render_depsgraph import engine_of
+from .camera import Picture, extract_camera, extract_picture, extract_pixel_filter
+from .instances import PlacedInstances, SurfaceRows
 from .light_linking import SceneLinking
+from .lights import LightRow, name_lights, place_light
 from .mesh_cache import MaterialReaders, MeshCache
-from .render_depsgraph import engine_of
 from .scene_walk import CountedWalk, SceneWalk
 from .viewport_view import ViewportView
+from .world import WorldReader
 
 
 def snapshot(

@@ -5,14 +5,14 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..core.material import BLACK, WHITE, Constant, ImageSample, ImageTexels, MaterialInput, Operation, World
-from ..core.material_program import combined, constant, evaluate_on_texels, sampled_images
-from ..core.scene import LeftOut
-from .expressions import clamped
-from .image_cache import ImageCache
-from .image_texels import UnreadableImage
-from .node_colors import ColorReader
-from .node_inputs import NodeInput, UnreadableNodes, output_target
+from ...core.material import BLACK, WHITE, Constant, ImageSample, ImageTexels, MaterialInput, Operation, World
+from ...core.material_program import combined, constant, evaluate_on_texels, sampled_images
+from ...core.scene import LeftOut
+from ..materials.colors import ColorReader
+from ..materials.expressions import clamped
+from ..materials.image_cache import ImageCache
+from ..materials.image_texels import UnreadableImage
+from ..materials.inputs import NodeInput, UnreadableNodes, output_target
 
 MAX_SIDE_PX = 4096
 """of images of the sky: a twelfth of a degree"""

@@ -8,9 +8,9 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ..core.material import Layer, LayerKind
-from ..core.scene import Mesh
-from .extract_mesh import ExtractedMesh
+from ...core.material import Layer, LayerKind
+from ...core.scene import Mesh
+from .mesh import ExtractedMesh
 
 _LARGEST_UV = 2.0**20
 """Farther out float32 no longer tells an image's texels apart."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.scene import Camera
-from .extract_camera import split_rigid
+from ...core.scene import Camera
+from .camera import split_rigid
 
 NAME = "Viewport"
 

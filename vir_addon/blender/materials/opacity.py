@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..core.material import IDENTITY_UV_ROWS, Extension, UvRows
-from ..core.material_program import LUMINANCE
-from ..core.scene import LeftOut, OpacityMap
+from ...core.material import IDENTITY_UV_ROWS, Extension, UvRows
+from ...core.material_program import LUMINANCE
+from ...core.scene import LeftOut, OpacityMap
 from .image_cache import ImageCache
 from .image_texels import Channel, UnreadableImage, has_encoded_color, srgb_to_linear
-from .node_inputs import EXTENSIONS, NodeInput, UnreadableNodes, check_image_node, output_node, output_target, read_uv, slot_materials
+from .inputs import EXTENSIONS, NodeInput, UnreadableNodes, check_image_node, output_node, output_target, read_uv, slot_materials
 
 _TEXEL_VALUES = np.linspace(0.0, 1.0, 256)
 

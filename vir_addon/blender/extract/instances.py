@@ -15,15 +15,15 @@ from dataclasses import dataclass, field, replace
 import bpy
 import numpy as np
 
-from ..core.material import Layer
-from ..core.scene import Instances, LeftOut, Mesh
+from ...core.material import Layer
+from ...core.scene import Instances, LeftOut, Mesh
+from ..materials.opacity import MaterialOpacity, MaterialReader
+from ..materials.surface import SurfaceReader
+from ..properties import reflector_mark
 from .corner_layers import with_layers
-from .extract_mesh import extract_mesh
-from .material_opacity import MaterialOpacity, MaterialReader
-from .material_surface import SurfaceReader
+from .mesh import extract_mesh
 from .mesh_cache import MeshCache, ReadMesh
 from .mesh_parts import MeshPart, split_mesh
-from .properties import reflector_mark
 
 PERSISTENT_ID_LENGTH = 8
 _NO_MATRIX_BUFFER = bpy.app.version < (5, 0, 0)

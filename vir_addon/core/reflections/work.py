@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from ..device.interface import ComputeKernel, Device, Texture, TextureFormat
-from ..device.owned import Owned
-from .material_program import typical_value
-from .methods.reflected_points import clouds
-from .pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, ReflectionStatistics
-from .passes.accumulate import ERROR_TILE_PX
-from .passes.emitters import no_emitters, pack_emitters
-from .passes.eye import EyePass, GBuffer
-from .passes.reflection_maps import ReflectionMaps
-from .passes.reflections import (
+from ...device.interface import ComputeKernel, Device, Texture, TextureFormat
+from ...device.owned import Owned
+from ..material_program import typical_value
+from ..methods.reflected_points import clouds
+from ..pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, ReflectionStatistics
+from ..passes.accumulate import ERROR_TILE_PX
+from ..passes.emitters import no_emitters, pack_emitters
+from ..passes.eye import EyePass, GBuffer
+from ..passes.reflection_maps import ReflectionMaps
+from ..passes.reflections import (
     ADD_REFLECTIONS,
     HIT_MATERIALS,
     LIGHT_BY_SURROUNDINGS,
@@ -33,18 +33,18 @@ from .passes.reflections import (
     REFLECTION_ERROR,
     SHOW_REFLECTIONS,
 )
-from .passes.scene_data import SceneData
-from .passes.surface_data import SurfaceData
-from .passes.tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
-from .picture import Shown
-from .plan import RenderPlan
+from ..passes.scene_data import SceneData
+from ..passes.surface_data import SurfaceData
+from ..passes.tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
+from ..picture import Shown
+from ..plan import RenderPlan
+from ..sampling import shuffled_unit_square_points, stable_seed
+from ..settings import ReflectionLookUp, ReflectionMethod
+from ..steps import HostWork, Steps
+from ..stopwatch import Stopwatch
 from .reflector_passes import ReflectorPasses
 from .reflectors import PlannedReflections, memory_for_maps, reflects, with_met
-from .sampling import shuffled_unit_square_points, stable_seed
 from .seen_places import SeenPlaces
-from .settings import ReflectionLookUp, ReflectionMethod
-from .steps import HostWork, Steps
-from .stopwatch import Stopwatch
 
 DRAWN = (Shown.REFLECTION, Shown.REFLECTION_COLOR, Shown.REFLECTED)
 """as numbered for SHOW_REFLECTIONS"""

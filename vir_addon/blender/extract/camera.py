@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ..core.errors import SceneError
-from ..core.scene import Camera, FilterShape, PixelFilter
+from ...core.errors import SceneError
+from ...core.scene import Camera, FilterShape, PixelFilter
 
 Window = tuple[float, float, float, float]
 """left, right, bottom, top; of the plane at distance 1 m (perspective) or in metres (orthographic)"""

@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import bpy
 
-from .extract_world import WorldReader
-from .image_cache import ImageCache, OutOfTimeError
-from .material_opacity import MaterialReader
-from .material_surface import SurfaceReader
+from ..materials.image_cache import ImageCache, OutOfTimeError
+from ..materials.opacity import MaterialReader
+from ..materials.surface import SurfaceReader
 from .mesh_parts import MeshPart
+from .world import WorldReader
 
 if TYPE_CHECKING:
-    from ..core.scene import LeftOut
-    from ..core.steps import HostWork
+    from ...core.scene import LeftOut
+    from ...core.steps import HostWork
 
 _SURFACE_TYPES = (bpy.types.Material, bpy.types.World, bpy.types.NodeTree, bpy.types.Image, bpy.types.Texture)
 

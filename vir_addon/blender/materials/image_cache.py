@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 import bpy
 import numpy as np
 
-from ..core.material import ImageTexels
-from ..core.steps import HostWork
+from ...core.material import ImageTexels
+from ...core.steps import HostWork
 from .image_texels import Channel, ImagePixels, colors_of, take_pixels, texels_of
 
 Result = TypeVar("Result")

@@ -9,8 +9,8 @@ import bpy
 import imbuf
 import numpy as np
 
-from ..core.material import ImageTexels
-from ..core.material_program import LUMINANCE
+from ...core.material import ImageTexels
+from ...core.material_program import LUMINANCE
 
 MAX_SIDE_PX = 2048
 """A larger image is shrunk: a texel of a leaf is smaller than one of a depth map long before, and 4 MiB an image are enough."""

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import bpy
 import numpy as np
 
-from ..core.material import WHITE, Constant, CornerValue, ImageTexels, Layer, LayerKind, MaterialInput, Operation, TableLookup
-from ..core.material_program import combined, constant
+from ...core.material import WHITE, Constant, CornerValue, ImageTexels, Layer, LayerKind, MaterialInput, Operation, TableLookup
+from ...core.material_program import combined, constant
 from .expressions import added, channel_sum, clamped, inverted, joined, mixed, negative
-from .node_inputs import NodeInput, UnreadableNodes, check_own_mapping, mapping_matrix
+from .inputs import NodeInput, UnreadableNodes, check_own_mapping, mapping_matrix
 
 if TYPE_CHECKING:
-    from .node_colors import ColorReader
+    from .colors import ColorReader
 
 _TABLE_ENTRIES = 256
 

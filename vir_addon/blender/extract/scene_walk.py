@@ -15,12 +15,12 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.scene import LeftOut
-from .extract_instances import ObjectTable, SurfaceRows
-from .extract_lights import LightRow, read_light
-from .image_cache import OutOfTimeError
+from ...core.scene import LeftOut
+from ..materials.image_cache import OutOfTimeError
+from ..render_depsgraph import engine_of
+from .instances import ObjectTable, SurfaceRows
+from .lights import LightRow, read_light
 from .mesh_cache import MaterialReaders, MeshCache
-from .render_depsgraph import engine_of
 
 _UNRENDERABLE = {
     "CURVES": ("curves", "hair curves are not surfaces that VIR can render yet"),
