@@ -355,16 +355,18 @@ COMPUTED = CornerValue(UV)
         ({}, (), ()),
         ({"diffuse": COMPUTED, "roughness": COMPUTED}, ("PROGRAMS",), ()),
         ({"emission": COMPUTED}, ("PROGRAMS",), ("PROGRAMS",)),
-        ({"coat_weight": COMPUTED}, ("PROGRAMS",), ("PROGRAMS",)),
-        ({"coat_ior": COMPUTED}, ("PROGRAMS",), ()),
-        ({"coat_ior": COMPUTED, "coat_weight": gray(0.5)}, ("PROGRAMS",), ("PROGRAMS",)),
-        ({"normal_map": NormalMap(COMPUTED, gray(1.0))}, ("PROGRAMS",), ()),
-        ({"normal_map": NormalMap(COMPUTED, gray(1.0)), "coat_weight": gray(0.5)}, ("PROGRAMS",), ("PROGRAMS",)),
+        ({"coat_weight": COMPUTED}, ("PROGRAMS",), ()),
+        ({"coat_weight": COMPUTED, "emission": WHITE}, ("PROGRAMS",), ("PROGRAMS",)),
+        ({"coat_ior": COMPUTED, "emission": WHITE}, ("PROGRAMS",), ()),
+        ({"coat_ior": COMPUTED, "coat_weight": gray(0.5), "emission": WHITE}, ("PROGRAMS",), ("PROGRAMS",)),
+        ({"normal_map": NormalMap(COMPUTED, gray(1.0)), "emission": WHITE}, ("PROGRAMS",), ()),
+        ({"normal_map": NormalMap(COMPUTED, gray(1.0)), "coat_weight": gray(0.5)}, ("PROGRAMS",), ()),
+        ({"normal_map": NormalMap(COMPUTED, gray(1.0)), "coat_weight": gray(0.5), "emission": WHITE}, ("PROGRAMS",), ("PROGRAMS",)),
     ],
 )
 def test_programs_are_compiled_where_something_asked_for_is_computed(device, inputs, flags, emission_flags):
     surfaces = SurfaceData(scene_of([square(), square()], [Material("plain"), Material("other", **inputs)]), device)
-    assert (surfaces.flags, surfaces.emission_flags) == (flags, emission_flags)
+    assert (surfaces.flags, surfaces.emission_flags, surfaces.has_emission) == (flags, emission_flags, "emission" in inputs)
     surfaces.release()
 
 

@@ -174,44 +174,58 @@ LIGHT_HITS = ComputeDeclaration(
     defines={**TILE_DEFINES, "LEAST_LIT_WIDTH": LEAST_LIT_WIDTH},
 )
 
+_AROUND_TEXTURES = {
+    **SCENE_TEXTURES,
+    **SURFACE_TEXTURES,
+    **MAP_TEXTURES,
+    **EMITTER_TEXTURES,
+    "positions": SEEN["positions"],
+    "normals": SEEN["normals"],
+    "ray_origins": Sampled("sampler2D", ORIGINS),
+    "ray_directions": Sampled("sampler2D", DIRECTIONS),
+    "throughputs": Sampled("sampler2D", THROUGHPUTS),
+    "scatterings": Sampled("sampler2D", SCATTERINGS),
+    "glosses": Sampled("sampler2D", GLOSSES),
+    **TILE_TEXTURES,
+}
+_AROUND_CONSTANTS = {
+    **SIZE_CONSTANTS,
+    **WALK_CONSTANTS,
+    "bounce": BOUNCE,
+    "is_last": Constant("int", "1: no ray goes on from what was met, whatever it is"),
+    "sample_x": Constant("float", "of directions or places, in the unit square"),
+    "sample_y": Constant("float", "the same in y"),
+}
+_AROUND_DEFINES = {
+    **SCENE_DEFINES,
+    **TILE_DEFINES,
+    **SURFACE_DEFINES,
+    **REFLECTANCE_DEFINES,
+    **MARCH_DEFINES,
+    "LEAST_LIT_WIDTH": LEAST_LIT_WIDTH,
+}
 LIGHT_BY_SURROUNDINGS = ComputeDeclaration(
     name="light_by_surroundings",
-    text="adds what the world and surfaces that shine bring to those that rays met",
+    text="adds what the world and surfaces that shine bring to those that rays met, along directions of their lobes",
     source="light_by_surroundings.comp.glsl",
     local_size=(TILE_PX, TILE_PX, 1),
-    textures={
-        **SCENE_TEXTURES,
-        **SURFACE_TEXTURES,
-        **MAP_TEXTURES,
-        **EMITTER_TEXTURES,
-        "positions": SEEN["positions"],
-        "normals": SEEN["normals"],
-        "ray_origins": Sampled("sampler2D", ORIGINS),
-        "ray_directions": Sampled("sampler2D", DIRECTIONS),
-        "throughputs": Sampled("sampler2D", THROUGHPUTS),
-        "scatterings": Sampled("sampler2D", SCATTERINGS),
-        "glosses": Sampled("sampler2D", GLOSSES),
-        **TILE_TEXTURES,
-    },
+    textures=_AROUND_TEXTURES,
     images={"radiances": Stored("RGBA32F", "read_write", RADIANCES)},
-    constants={
-        **SIZE_CONSTANTS,
-        **WALK_CONSTANTS,
-        **EMITTER_CONSTANTS,
-        "bounce": BOUNCE,
-        "is_last": Constant("int", "1: no ray goes on from what was met, whatever it is"),
-        "sample_x": Constant("float", "of directions, in the unit square"),
-        "sample_y": Constant("float", "the same in y"),
-    },
-    flags={**SURFACE_FLAGS, **BY_DIRECTION_FLAG},
-    defines={
-        **SCENE_DEFINES,
-        **TILE_DEFINES,
-        **SURFACE_DEFINES,
-        **REFLECTANCE_DEFINES,
-        **MARCH_DEFINES,
-        "LEAST_LIT_WIDTH": LEAST_LIT_WIDTH,
-    },
+    constants=_AROUND_CONSTANTS,
+    flags={**SURFACE_FLAGS, **BY_DIRECTION_FLAG, "EMISSION": "some surface shines"},
+    defines=_AROUND_DEFINES,
+)
+
+LIGHT_BY_EMITTERS = ComputeDeclaration(
+    name="light_by_emitters",
+    text="adds what surfaces that shine bring to those that rays met, from places drawn on them",
+    source="light_by_emitters.comp.glsl",
+    local_size=(TILE_PX, TILE_PX, 1),
+    textures=_AROUND_TEXTURES,
+    images={"radiances": Stored("RGBA32F", "read_write", RADIANCES)},
+    constants={**_AROUND_CONSTANTS, **EMITTER_CONSTANTS},
+    flags=SURFACE_FLAGS,
+    defines=_AROUND_DEFINES,
 )
 
 ADD_REFLECTIONS = ComputeDeclaration(

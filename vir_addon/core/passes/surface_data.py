@@ -83,8 +83,10 @@ class SurfaceRows(NamedTuple):
     images: np.ndarray
     has_programs: bool
     """inputs of some material are not constant"""
+    has_emission: bool
+    """some surface shines"""
     has_emission_programs: bool
-    """what some surface emits is not"""
+    """what such a surface emits is not constant"""
 
 
 def pack_surfaces(snapshot: SceneSnapshot) -> SurfaceRows:
@@ -118,7 +120,8 @@ def pack_surfaces(snapshot: SceneSnapshot) -> SurfaceRows:
                     _texels_per_triangle(layer),
                 )
     has_programs = any(len(program.rows) for program in programs)
-    return SurfaceRows(rows.gather(), image_rows, has_programs, any(map(_has_computed_emission, materials)))
+    shining = [material for material in materials if material.emission != BLACK]
+    return SurfaceRows(rows.gather(), image_rows, has_programs, bool(shining), any(map(_has_computed_emission, shining)))
 
 
 class SurfaceData(Shared):
@@ -137,6 +140,7 @@ class SurfaceData(Shared):
             """of kernels that ask for surfaces"""
             self.emission_flags = ("PROGRAMS",) * rows.has_emission_programs
             """of those that only ask what surfaces emit"""
+            self.has_emission = rows.has_emission
             self._owned = owned.pop_all()
 
     def _free(self) -> None:
@@ -162,7 +166,7 @@ class _Rows:
 
 
 def _has_computed_emission(material: Material) -> bool:
-    """Whether programs are needed for what it emits, under its coat."""
+    """Whether programs are needed for what one that shines emits, under its coat."""
     asked = [material.emission]
     if material.coat_weight != BLACK:
         asked += [material.coat_weight, material.coat_roughness, material.coat_ior]

@@ -21,6 +21,7 @@ from ..passes.reflection_maps import ReflectionMaps
 from ..passes.reflections import (
     ADD_REFLECTIONS,
     HIT_MATERIALS,
+    LIGHT_BY_EMITTERS,
     LIGHT_BY_SURROUNDINGS,
     LIGHT_HITS,
     MARCH_REFLECTIONS,
@@ -247,27 +248,33 @@ class ReflectionWork:
         )
         if not self._is_counted:
             self._count_found()
-        if self.has_surroundings:
+        if not self.has_surroundings:
+            return
+        around: dict[str, object] = {
+            **self.scene_data.bindings,
+            **self.materials.bindings,
+            **self.maps.bindings,
+            **hits.buffer._asdict(),
+            **self.rays,
+            "scatterings": hits.scatterings,
+            "glosses": hits.glosses,
+            "radiances": self.radiances[part],
+            "emitters": self.emitters,
+            "bounce": bounce + self.planned.bounces,
+            "is_last": int(bounce == self.planned.bounces - 1),
+            "sample_x": light[0],
+            "sample_y": light[1],
+        }
+        yield
+        emission = [*self.materials.emission_flags, *["EMISSION"] * self.materials.has_emission]
+        self._walk(self.device.compute_kernel(LIGHT_BY_SURROUNDINGS, *emission, *flags), **around)
+        if self.emitter_count:
             yield
             self._walk(
-                self.device.compute_kernel(LIGHT_BY_SURROUNDINGS, *self.materials.emission_flags, *flags),
-                **self.scene_data.bindings,
-                **self.materials.bindings,
-                **self.maps.bindings,
-                **hits.buffer._asdict(),
-                ray_origins=self.rays["ray_origins"],
-                ray_directions=self.rays["ray_directions"],
-                throughputs=self.rays["throughputs"],
-                scatterings=hits.scatterings,
-                glosses=hits.glosses,
-                radiances=self.radiances[part],
-                emitters=self.emitters,
+                self.device.compute_kernel(LIGHT_BY_EMITTERS, *self.materials.emission_flags),
+                **around,
                 instance_count=len(self.scene_data.snapshot.instances),
                 emitter_count=self.emitter_count,
-                bounce=bounce + self.planned.bounces,
-                is_last=int(bounce == self.planned.bounces - 1),
-                sample_x=light[0],
-                sample_y=light[1],
             )
 
     def _walk(self, kernel: ComputeKernel, **bindings: object) -> None:
