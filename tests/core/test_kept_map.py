@@ -12,7 +12,9 @@ from tests.scenes import (
     floor,
     perspective_camera,
     point_light,
+    prepared_renderer,
     rectangle,
+    render_batches,
     render_passes,
     snapshot,
     spot_light,
@@ -20,11 +22,12 @@ from tests.scenes import (
     with_opacity,
 )
 from vir_addon.core import methods
+from vir_addon.core.methods.hybrid import HybridRasterization
 from vir_addon.core.methods.ivir import ImprovedViewIndependentRasterization
 from vir_addon.core.methods.micro import MicroTriangleRasterization
 from vir_addon.core.methods.mvr import MultiviewRasterization
 from vir_addon.core.plan import plan
-from vir_addon.core.settings import Method, Settings
+from vir_addon.core.settings import Method, PointStorage, Settings
 
 WIDTH, HEIGHT = 64, 36
 BATCHES = 8
@@ -37,6 +40,7 @@ CLASSES = {
     Method.MVR: MultiviewRasterization,
     Method.MICRO: MicroTriangleRasterization,
     Method.IVIR: ImprovedViewIndependentRasterization,
+    Method.HYBRID: HybridRasterization,
 }
 
 
@@ -88,17 +92,42 @@ def test_one_map_a_face(device, monkeypatch, method):
         assert np.ptp(image) > 0.5
 
 
-def test_maps_are_let_go_of_where_there_is_no_memory(device, monkeypatch):
-    """One of 512 x 512 takes 1 MiB."""
-    arguments = {"monkeypatch": monkeypatch, "method": Method.MVR, "map_resolution_px": 512}
+@pytest.mark.parametrize(
+    ("method", "points"),
+    [
+        (Method.MVR, PointStorage.BUFFERED),
+        (Method.MICRO, PointStorage.BUFFERED),
+        (Method.HYBRID, PointStorage.BUFFERED),
+        (Method.HYBRID, PointStorage.BUFFERLESS),
+    ],
+)
+def test_maps_are_let_go_of_where_there_is_no_memory(device, monkeypatch, method, points):
+    """One of 512 x 512 takes 1 MiB; what a buffer of points takes pushes all of them out."""
+    arguments = {"monkeypatch": monkeypatch, "method": method, "points": points, "map_resolution_px": 512}
     (passes, kept), (scarce, dropped) = (
         rendered_and_counted(scene_of(HARD), device, replay_buffer_mib=mib, **arguments) for mib in (256, 2)
     )
     made_once, made_again = (sum(sum(of_faces) for of_faces in counts.values()) for counts in (kept, dropped))
     assert made_once == sum(len(of_faces) for of_faces in kept.values())
-    assert made_once < made_again < BATCHES * made_once
+    pushes_all_out = method.uses_points and points is PointStorage.BUFFERED
+    assert made_once < made_again < BATCHES * made_once + pushes_all_out
     for name, image in passes.items():
         np.testing.assert_array_equal(image, scarce[name])
+
+
+@pytest.mark.parametrize("points", PointStorage)
+def test_what_a_kept_map_was_made_of_is_still_counted(device, monkeypatch, points):
+    def counted():
+        arguments = {"method": Method.HYBRID, "points": points, "map_resolution_px": 64}
+        with prepared_renderer(scene_of(HARD[2:]), device, **arguments) as renderer:
+            render_batches(renderer)
+            return renderer.works[0].statistics
+
+    kept = counted()
+    monkeypatch.setattr(methods, "KeptMap", lambda job, maker: maker)
+    made_again = counted()
+    assert kept.large_triangle_count == made_again.large_triangle_count > 0
+    assert kept.point_count == made_again.point_count > 0
 
 
 def test_cut_outs_are_made_for_every_batch(device, monkeypatch):

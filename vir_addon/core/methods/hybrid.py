@@ -29,7 +29,9 @@ class HybridRasterization(ImprovedViewIndependentRasterization):
         super().__init__(job, storage)
         self.splat_flags.append("MIXED_MAPS")
         self.raster_flags.append("MIXED_MAPS")
-        self.large = self._owned.own(LargeTriangles(self))
+        self.large = LargeTriangles(self)
+        self.large_triangle_count = 0
+        """of the last list, whether or not it is still held"""
         self._has_listed = False
 
     def _prepare(self) -> None:
@@ -47,6 +49,14 @@ class HybridRasterization(ImprovedViewIndependentRasterization):
 
     def _free(self) -> None:
         super()._free()
+        self._release_large()
+
+    def release(self) -> None:
+        super().release()
+        # what is never buffered is never freed above, and may be prepared again
+        self._release_large()
+
+    def _release_large(self) -> None:
         self.large.release()
         self._has_listed = False
 
@@ -65,8 +75,9 @@ class HybridRasterization(ImprovedViewIndependentRasterization):
         if not self._fits(self.parts, TEXELS_PER_TRIANGLE, count):
             return False
         self.large.add(self.parts, 0, count)
+        self.large_triangle_count = count
         self._has_listed = True
         return True
 
     def counts(self) -> dict[str, int]:
-        return {**super().counts(), "large_triangle_count": self.large.triangle_count}
+        return {**super().counts(), "large_triangle_count": self.large_triangle_count}
