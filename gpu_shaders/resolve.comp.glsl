@@ -158,8 +158,9 @@ int outline_of(int k, LookUp own, float z, bool is_round) {
     float rise = below - nearer;
     float rise_below = z - stored_depth(clamp(texel - 2 * up, low, high)) - below;
     float share = above * rise * (nearer + below) / (step_up * nearer * nearer);
-    // planes rise evenly, and different surfaces have nothing in common
-    is_round = nearer > MAX_NEARER_FOOTPRINTS * own.footprint && rise_below <= OUTLINE_MAX_BEND * rise;
+    // planes rise evenly or not at all, and different surfaces have nothing in common
+    bool bends = rise > depth_rounding(z) && rise_below <= OUTLINE_MAX_BEND * rise;
+    is_round = nearer > MAX_NEARER_FOOTPRINTS * own.footprint && bends;
     if (is_round && share < OUTLINE_ABOVE_SHARE && rise_below >= OUTLINE_MIN_BEND * rise) {
         return ABOVE;
     }
@@ -189,9 +190,12 @@ int sight(int k, vec3 p, vec3 normal_fs, float depth) {
 bool is_flat_around(ivec2 pixel, vec3 normal) {
     bool flat_around = false;
     for (int i = 0; i < 4; i++) {
-        ivec2 aside = (i & 1) == 0 ? ivec2(i - 1, 0) : ivec2(0, i - 2);
-        vec3 other = texelFetch(normals, clamp(pixel + aside, ivec2(0), ivec2(width, height) - 1), 0).xyz;
-        flat_around = flat_around || all(lessThan(abs(other - normal), vec3(FLAT_NORMAL_DIFFERENCE)));
+        ivec2 neighbour = pixel + ((i & 1) == 0 ? ivec2(i - 1, 0) : ivec2(0, i - 2));
+        ivec2 within = clamp(neighbour, ivec2(0), ivec2(width, height) - 1);
+        // beyond the picture's edge is nothing, and where nothing was seen normals are not written
+        bool is_seen = neighbour == within && texelFetch(positions, within, 0).w >= 0.0;
+        vec3 other = texelFetch(normals, within, 0).xyz;
+        flat_around = flat_around || (is_seen && all(lessThan(abs(other - normal), vec3(FLAT_NORMAL_DIFFERENCE))));
     }
     return flat_around;
 }

@@ -91,6 +91,7 @@ class ReflectionWork:
         """Something but lights lights surfaces."""
         self.statistics = ReflectionStatistics(bounces=planned.bounces)
         zeros = np.zeros((height, width, 4), np.float32)
+        background = np.full((height, width, 4), (0, 0, 0, -1), np.float32)
         self._drawn = Owned()
         """maps, and which instances have which"""
         with Owned() as owned:
@@ -112,7 +113,9 @@ class ReflectionWork:
                 self.hits.append([])
                 seen_from = eye.buffers[part].positions
                 for _ in range(planned.bounces):
-                    hits = Hits(part, GBuffer(texture(), texture()), seen_from, texture(), texture(), texture())
+                    # RESOLVE asks for neighbours, and beyond the tiles nothing is written
+                    positions = owned.own(self.device.upload_texture(background))
+                    hits = Hits(part, GBuffer(positions, texture()), seen_from, texture(), texture(), texture())
                     self.hits[part].append(hits)
                     seen_from = hits.buffer.positions
             self.sums = {name: owned.own(self.device.upload_texture(zeros)) for name in ("radiance_sums", "color_sums")}
