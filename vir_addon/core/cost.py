@@ -341,7 +341,8 @@ def estimate_methods(
     )
 
     point_counts = _point_counts(estimates, settings, texels)
-    is_cached = MAX_BATCH_VIEWS * BYTES_PER_TEXEL * settings.map_resolution_px**2 <= CACHED_BYTES
+    batch_views = min(math.ceil(view_count / batch_count), MAX_BATCH_VIEWS)
+    is_cached = batch_views * BYTES_PER_TEXEL * settings.map_resolution_px**2 <= CACHED_BYTES
     splat_point = rates.splat_cached_point if is_cached else rates.splat_point
 
     def points_ns(becomes_points: np.ndarray, share: float = 1.0) -> float:
