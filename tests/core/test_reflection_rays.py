@@ -10,6 +10,7 @@ import pytest
 from tests.core.test_reflections import box_colors, camera_rays, colored_box
 from tests.device.surface_queries import ask, scene_of, square
 from tests.scenes import (
+    box,
     bumpy_sphere,
     floor,
     matte,
@@ -21,6 +22,7 @@ from tests.scenes import (
     render_passes,
     rmse,
     snapshot,
+    with_opacity,
 )
 from vir_addon.core.material import BLACK, WHITE, Constant, CornerValue, Layer, LayerKind, Material, World
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
@@ -29,7 +31,7 @@ from vir_addon.core.passes.emitters import pack_emitters
 from vir_addon.core.plan import plan
 from vir_addon.core.render import render
 from vir_addon.core.sampling import shuffled_unit_square_points
-from vir_addon.core.scene import FilterShape, PixelFilter
+from vir_addon.core.scene import FilterShape, Mesh, PixelFilter
 from vir_addon.core.settings import Effect, Settings
 from vir_addon.device.interface import TextureFormat
 
@@ -291,6 +293,44 @@ def test_what_shines_is_drawn_by_its_area_and_brightness(monkeypatch):
     assert (pack_emitters(dataclasses.replace(scene, instances=hidden)).rows[:, 0] != 2).all()
     monkeypatch.setattr(emitters, "MAX_EMITTING_TRIANGLES", 2)
     assert pack_emitters(scene).rows[:3, 0].tolist() == [0.0, 0.0, 1.0]
+
+
+def test_what_does_not_fit_keeps_no_other_out(monkeypatch):
+    """The brightest has too many triangles, alone or stretched to more than its neighbour's: others are drawn all the same."""
+    monkeypatch.setattr(emitters, "MAX_EMITTING_TRIANGLES", 100)
+    ball, lamp, panel = (
+        bumpy_sphere("ball", (0, 0, 0), 1.0, 6),
+        box("lamp", (0, 0, 2), (1, 1, 1)),
+        rectangle("p", (0, 0, 1), (1, 0, 0), (0, 1, 0)),
+    )
+    transforms = np.tile(np.eye(4, dtype=np.float32), (3, 1, 1))
+    transforms[2, :3, :3] = [(0, -4, 0), (20, 0, 0), (0, 0, 1)]
+    shining = [matte((0, 0, 0), 3 * (radiance,)) for radiance in (100.0, 1.0, 2.0)]
+    scene = scene_of([ball, lamp, panel], shining, transforms=transforms)
+    per_instance, drawn = np.split(pack_emitters(scene).rows, [3])
+    np.testing.assert_allclose(per_instance[:, 0], np.array([0, 1, 2]) / (24 + 160), rtol=1e-6)
+    assert drawn[:, 0].tolist() == 2 * [2] + 12 * [1]
+    monkeypatch.setattr(emitters, "MAX_EMITTING_TRIANGLES", 12)
+    assert pack_emitters(scene).rows[:, 0].tolist() == [0, 0, np.float32(1 / 80), 2, 2]
+
+
+def test_what_opacity_cuts_out_does_not_shine(device, monkeypatch):
+    """Over a floor that a mirror shows: a panel half of which is there, as bright as that half alone where rays meet it by chance, too."""
+    half = rectangle("panel", (-1.5, -0.7, 1.5), (0, 2, 0), (1.5, 0, 0))
+    strips = [rectangle("strip", (-1.5 + k / 4, -0.7, 1.5), (0, 2, 0), (0.25, 0, 0)) for k in range(12)]
+    positions, triangles = np.concatenate([one.positions_os for one in strips]), np.concatenate([half.triangles + 4 * k for k in range(12)])
+    uvs = np.column_stack([positions[:, 0] / 3 + 0.5, (positions[:, 1] + 0.7) / 2])
+    cut_out = with_opacity(Mesh("panel", positions, triangles), [[1, 0]], uvs, is_interpolated=False)
+    wall = rectangle("wall", (-2, 2, -0.5), (4, 0, 0), (0, 0, 4))
+    camera = perspective_camera((0.0, -3.0, 1.6), (0.0, 2.0, 0.9), WIDTH, HEIGHT, 0.25)
+    materials = [matte((0.5, 0.5, 0.5)), matte((0, 0, 0), (5, 5, 5)), mirror()]
+    means = []
+    for mesh, most in ((half, 0), (cut_out, emitters.MAX_EMITTING_TRIANGLES)):
+        monkeypatch.setattr(emitters, "MAX_EMITTING_TRIANGLES", most)
+        scene = snapshot([floor(6.0), mesh, wall], [], camera, WIDTH, HEIGHT, materials=materials, world=World())
+        settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "reflection_sample_count": 64}
+        means.append(render_passes(scene, device, **settings)[REFLECTION_PASS_NAME][1:6, 4:-4, 0].mean())
+    assert means[1] == pytest.approx(means[0], rel=0.06)
 
 
 def white_metal(to_eye, to_light, width):
