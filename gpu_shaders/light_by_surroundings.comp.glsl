@@ -40,18 +40,19 @@ void main() {
         brought = sent * world_radiance(direction) / density;
     }
 #ifdef EMISSION
-    else {
+    else if (!is_exact) {  // mirrors show images of surfaces to rays that go on
         ivec2 number = ivec2(found.texel.zw);
-        float per_m2 = emitter_row(number.x).x;
+        vec4 of_instance = emitter_row(number.x);
         // what shines is where it is known to be, not where the map shows it from its centre
-        if (found.how != REFLECTED_BY_DIRECTION || per_m2 <= 0.0) {
+        if (found.how != REFLECTED_BY_DIRECTION || of_instance.x <= 0.0) {
             InstanceData instance = load_instance(number.x);
             TriangleData triangle = load_triangle(instance, number.y);
             vec3 weights = weights_within(found.meeting);
             float distance_m = length(place_on(triangle, weights) - sending.position_ws);
             vec3 front = front_of(instance, triangle, direction);
+            // no place is drawn on the inner side of a solid
+            float per_m2 = of_instance.y > 0.5 && dot(front, direction) > 0.0 ? 0.0 : of_instance.x;
             vec3 of_surfaces = sent_of_surfaces(sending, direction, sent);
-            per_m2 = is_exact ? 0.0 : per_m2;
             brought = shone(number, instance, triangle, weights, front, direction, distance_m, of_surfaces, density, per_m2);
         }
     }

@@ -38,7 +38,7 @@ bool find_sending(ivec2 pixel, out Sending sending) {
     sending.is_mirror = sending.gloss.width <= MIRROR_WIDTH;
     // what the last ray meets shows the world in its gloss, as it shows lamps; images of surfaces are for rays that go on
     bool has_gloss = glossy.w > 0.0 || is_last > 0;
-    sending.shows_surfaces = glossy.w > 0.0 && sending.gloss.width > LEAST_LIT_WIDTH;
+    sending.shows_surfaces = has_gloss && sending.gloss.width > LEAST_LIT_WIDTH;
     float by_gloss = has_gloss ? largest(gloss_fresnel(sending.gloss, clamp(dot(sending.normal, to_eye), 0.0, 1.0))) : 0.0;
     float by_both = by_gloss + PI * largest(diffuse.rgb);
     sending.gloss_share = by_gloss / by_both;

@@ -245,6 +245,27 @@ def test_metal_without_a_map_shows_what_surrounds_it(device):
     np.testing.assert_allclose(means, 0.5, atol=0.08)
 
 
+POLISHED = Material(
+    "polished", diffuse=Constant((0.5, 0.5, 0.5)), dielectric_weight=BLACK, metal_weight=Constant((0.4, 0.4, 0.4)), metal=WHITE
+)
+POLISHED = dataclasses.replace(POLISHED, has_metal_fresnel=False, roughness=BLACK)
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+@pytest.mark.parametrize("ground", [matte((0.5, 0.5, 0.5)), POLISHED, mirror(roughness=0.4)], ids=lambda ground: ground.name)
+def test_in_a_room_that_shines_all_is_as_bright_as_its_albedo(device, ground, inside_out):
+    """Whichever way the room's faces are turned: a floor that is matte, also below what would show an image, or of rough metal, which has a
+    map of its own, where the last ray ends."""
+    room = box("room", (0, 0, 1), (4, 4, 4), inside_out=inside_out)
+    wall = rectangle("wall", (-2, 2, -0.5), (4, 0, 0), (0, 0, 4))
+    camera = perspective_camera((0.0, -3.0, 1.6), (0.0, 2.0, 0.6), WIDTH, HEIGHT, 0.35)
+    materials = [ground, matte((0, 0, 0), (3, 3, 3)), mirror()]
+    scene = snapshot([floor(3.0), room, wall], [], camera, WIDTH, HEIGHT, materials=materials, world=World())
+    settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "reflection_sample_count": 32}
+    image = render_passes(scene, device, **settings)[REFLECTION_PASS_NAME][5:10, 4:-4, 0]
+    assert image.mean() == pytest.approx(3.0 if ground.name == "mirror" else 1.5, rel=0.02)
+
+
 @pytest.mark.parametrize("roughness", [None, 0.6])
 def test_a_panel_lights_what_a_mirror_shows_without_noise(device, roughness):
     """A small one that shines, over a matte floor or one of rough metal, against an integral over the panel."""
