@@ -166,6 +166,22 @@ def test_it_waits_for_the_host_without_waiting(device):
         assert progressive.picture is not None
 
 
+def test_host_work_that_nobody_waits_for_any_more_does_not_begin(device):
+    with ThreadPoolExecutor(1) as executor, contextlib.closing(ProgressiveRender(device, executor)) as progressive:
+        gate: Future = Future()
+        executor.submit(gate.result)
+        try:
+            progressive.show(view(), SETTINGS)
+            assert not progressive.advance(0.0)
+            forgotten = progressive._pending
+            progressive.show(view(key_x=-1.0), SETTINGS)
+            assert forgotten is not None and forgotten.cancelled()
+        finally:
+            gate.set_result(None)
+        finish(progressive, 0.01)
+        assert progressive.picture is not None
+
+
 def test_what_cannot_be_shown_says_so_once_and_the_next_is_shown(progressive):
     progressive.show(view(), SETTINGS)
     finish(progressive)

@@ -207,6 +207,9 @@ class ProgressiveRender:
     def _stop(self) -> None:
         if self._steps is not None:
             self.device.run(self._steps.close)
+        if self._pending is not None:
+            # what has not begun would hold up what is wanted now
+            self._pending.cancel()
         self._steps = self._pending = self._answer = None
 
     def close(self) -> None:
