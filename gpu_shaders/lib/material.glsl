@@ -1,4 +1,4 @@
-// What a surface looks like at a point, from its material (core/passes/materials.py lays them out; core/material.py says what they mean).
+// What a surface looks like at a point, from its material (core/passes/surface_data.py lays them out; core/material.py says what they mean).
 #include "lib/scene_data.glsl"
 #include "lib/material_image.glsl"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -29,7 +30,7 @@ from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_
 from vir_addon.core.passes import emitters
 from vir_addon.core.passes.emitters import pack_emitters
 from vir_addon.core.plan import plan
-from vir_addon.core.render import render
+from vir_addon.core.render import Renderer, render
 from vir_addon.core.sampling import shuffled_unit_square_points
 from vir_addon.core.scene import FilterShape, Mesh, PixelFilter
 from vir_addon.core.settings import Effect, Settings
@@ -314,6 +315,27 @@ def test_what_shines_is_drawn_by_its_area_and_brightness(monkeypatch):
     assert (pack_emitters(dataclasses.replace(scene, instances=hidden)).rows[:, 0] != 2).all()
     monkeypatch.setattr(emitters, "MAX_EMITTING_TRIANGLES", 2)
     assert pack_emitters(scene).rows[:3, 0].tolist() == [0.0, 0.0, 1.0]
+
+
+def test_what_shines_is_listed_anew_where_its_size_changes(device):
+    """Not where it moves."""
+    camera = perspective_camera((0.0, -3.0, 1.6), (0.0, 2.0, 0.9), WIDTH, HEIGHT, 0.25)
+    meshes = [floor(6.0), rectangle("panel", (0, 0, 1), (1, 0, 0), (0, 1, 0)), rectangle("wall", (-2, 2, -0.5), (4, 0, 0), (0, 0, 4))]
+    scene = snapshot(meshes, [], camera, WIDTH, HEIGHT, materials=[matte(), matte((0, 0, 0), (3, 3, 3)), mirror()], world=World())
+    settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "reflection_sample_count": 2}
+    away, large = np.eye(4, dtype=np.float32), np.diag([2, 2, 2, 1]).astype(np.float32)
+    away[0, 3] = 0.5
+    with prepared_renderer(scene, device, **settings) as first:
+        for matrix, is_same in ((away, True), (large, False)):
+            matrices = scene.instances.world_from_object.copy()
+            matrices[1] = matrix
+            changed = dataclasses.replace(scene, instances=dataclasses.replace(scene.instances, world_from_object=matrices))
+            with contextlib.closing(Renderer(changed, plan(changed, Settings(**settings)), device, previous=first)) as second:
+                device.run(second.prepare)
+                assert (second.emitters is first.emitters) == is_same
+                shown = device.run(device.read, second.reflections.emitters).reshape(-1, 4)
+                expected = pack_emitters(changed).rows
+                np.testing.assert_array_equal(shown[: len(expected)], expected)
 
 
 def test_what_does_not_fit_keeps_no_other_out(monkeypatch):

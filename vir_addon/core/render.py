@@ -32,6 +32,7 @@ from .pass_set import (
     SetStatistics,
 )
 from .passes.accumulate import pass_image
+from .passes.emitters import Emitters, has_same_emitters, no_emitters, pack_emitters
 from .passes.eye import EyePass
 from .passes.scene_data import SceneData, SceneGeometry, pack_geometry
 from .passes.surface_data import SurfaceData, pack_surfaces
@@ -42,6 +43,7 @@ from .reflections.seen_places import SeenPlaces
 from .reflections.work import ReflectionWork
 from .sampling import pixel_offsets
 from .scene import SceneSnapshot, has_same_meshes, has_same_picture, has_same_surfaces, is_same_light
+from .settings import ReflectionLookUp
 from .steps import HostWork, Steps, run_steps
 from .stopwatch import OnStage, Stopwatch
 
@@ -151,6 +153,7 @@ class Renderer:
         self.eye: EyePass | None = None
         self.store: MapStore | None = None
         self.surfaces: SurfaceData | None = None
+        self.emitters: Emitters | None = None
         self.reflections: ReflectionWork | None = None
         self._owned = Owned()
         self._current_offsets: list[int] = []
@@ -178,6 +181,8 @@ class Renderer:
             self.scene_data = self._owned.own(SceneData(self.snapshot, self.device, previous.scene_data.geometry))
         if previous.surfaces is not None and has_same_surfaces(self.snapshot, previous.snapshot):
             self.surfaces = self._owned.own(previous.surfaces.share())
+        if previous.emitters is not None and has_same_emitters(self.snapshot, previous.snapshot):
+            self.emitters = previous.emitters
         if self.reflects or previous.reflects:
             # what reflectors show depends on all of the scene, and lights on what they show
             return
@@ -315,8 +320,14 @@ class Renderer:
             with self.stopwatch.stage("upload"):
                 self.surfaces = self._owned.own(SurfaceData(self.snapshot, self.device, rows))
             yield None
+        # by direction alone nothing would hide what shines
+        emitters = no_emitters(self.snapshot)
+        if self.plan.settings.reflection_look_up is ReflectionLookUp.MARCH:
+            if self.emitters is None:
+                self.emitters = yield self.stopwatch.host_work("upload", pack_emitters, self.snapshot)
+            emitters = self.emitters
         with self.stopwatch.stage("upload"):
-            reflections = self.reflections = self._owned.own(ReflectionWork(planned, self.plan, scene_data, self.surfaces, eye))
+            reflections = self.reflections = self._owned.own(ReflectionWork(planned, self.plan, scene_data, self.surfaces, emitters, eye))
             self.statistics.reflections = reflections.statistics
         reflections.find_tiles([positions[..., 3] for positions in seen])
         yield None

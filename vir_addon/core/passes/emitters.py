@@ -12,7 +12,7 @@ import numpy as np
 
 from ...device.declaration import Constant, Sampled
 from ..material_program import LUMINANCE, typical_value
-from ..scene import Mesh, SceneSnapshot
+from ..scene import Mesh, SceneSnapshot, has_same_surfaces
 
 MAX_EMITTING_TRIANGLES = 1 << 18
 """of which one is drawn; other surfaces that shine are met by chance, and so are all that opacity cuts out"""
@@ -54,6 +54,13 @@ def pack_emitters(snapshot: SceneSnapshot) -> Emitters:
     triangles[:, 1] = np.concatenate(numbers)
     triangles[:, 2] = ends / ends[-1]
     return Emitters(np.concatenate([per_instance, triangles]).astype(np.float32), len(triangles))
+
+
+def has_same_emitters(one: SceneSnapshot, other: SceneSnapshot) -> bool:
+    """Whether the table is the same: wherever things stand, but not however large they are."""
+    visible = [np.array(each.instances.visible_in_reflections) for each in (one, other)]
+    stretched = [each.instances.world_from_object[:, :3, :3] for each in (one, other)]
+    return has_same_surfaces(one, other) and np.array_equal(visible[0], visible[1]) and np.array_equal(stretched[0], stretched[1])
 
 
 class _Shining(NamedTuple):

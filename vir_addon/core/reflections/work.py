@@ -15,7 +15,7 @@ from ..material_program import typical_value
 from ..methods.reflected_points import clouds
 from ..pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, ReflectionStatistics
 from ..passes.accumulate import ERROR_TILE_PX
-from ..passes.emitters import no_emitters, pack_emitters
+from ..passes.emitters import Emitters
 from ..passes.eye import EyePass, GBuffer
 from ..passes.reflection_maps import ReflectionMaps
 from ..passes.reflections import (
@@ -70,7 +70,15 @@ class Hits:
 
 
 class ReflectionWork:
-    def __init__(self, planned: PlannedReflections, plan: RenderPlan, scene_data: SceneData, surfaces: SurfaceData, eye: EyePass) -> None:
+    def __init__(
+        self,
+        planned: PlannedReflections,
+        plan: RenderPlan,
+        scene_data: SceneData,
+        surfaces: SurfaceData,
+        emitters: Emitters,
+        eye: EyePass,
+    ) -> None:
         self.plan, self.scene_data, self.eye = plan, scene_data, eye
         self.device: Device = scene_data.device
         width, height = self.size = eye.size
@@ -100,10 +108,7 @@ class ReflectionWork:
                 return owned.own(self.device.create_texture(width, height, TextureFormat.RGBA32F))
 
             self.materials = owned.own(surfaces.share())
-            # by direction alone nothing would hide what shines
-            is_marched = plan.settings.reflection_look_up is ReflectionLookUp.MARCH
-            packed = pack_emitters(snapshot) if is_marched else no_emitters(snapshot)
-            self.emitters, self.emitter_count = owned.own(self.device.upload_array(packed.rows)), packed.triangle_count
+            self.emitters, self.emitter_count = owned.own(self.device.upload_array(emitters.rows)), emitters.triangle_count
             self.rays = {name: texture() for name in ("ray_origins", "ray_directions", "throughputs")}
             self.surfaces = texture()
             self.radiances = [texture() for _ in parts]
