@@ -150,36 +150,34 @@ def test_small_batches(device, progressive):
     np.testing.assert_allclose(drawn(progressive), render_passes(view(), device, **OPTIONS, batch_view_count=1)["VIR Shadow"], atol=1e-6)
 
 
-def test_it_waits_for_the_host_without_waiting(device):
-    """The executor is busy with something else: slices return at once."""
+@contextlib.contextmanager
+def waiting_for_a_busy_host(device):
+    """A render whose executor is at work on something else. That ends when this is left; then what was shown last appears."""
     with ThreadPoolExecutor(1) as executor, contextlib.closing(ProgressiveRender(device, executor)) as progressive:
         gate: Future = Future()
         executor.submit(gate.result)
         try:
             progressive.show(view(), SETTINGS)
             assert not progressive.advance(0.0)
-            assert progressive.is_waiting and not progressive.is_done
-            assert not progressive.advance(0.001) and progressive.is_waiting
+            yield progressive
         finally:
             gate.set_result(None)
         finish(progressive, 0.01)
         assert progressive.picture is not None
+
+
+def test_it_waits_for_the_host_without_waiting(device):
+    """Slices return at once."""
+    with waiting_for_a_busy_host(device) as progressive:
+        assert progressive.is_waiting and not progressive.is_done
+        assert not progressive.advance(0.001) and progressive.is_waiting
 
 
 def test_host_work_that_nobody_waits_for_any_more_does_not_begin(device):
-    with ThreadPoolExecutor(1) as executor, contextlib.closing(ProgressiveRender(device, executor)) as progressive:
-        gate: Future = Future()
-        executor.submit(gate.result)
-        try:
-            progressive.show(view(), SETTINGS)
-            assert not progressive.advance(0.0)
-            forgotten = progressive._pending
-            progressive.show(view(key_x=-1.0), SETTINGS)
-            assert forgotten is not None and forgotten.cancelled()
-        finally:
-            gate.set_result(None)
-        finish(progressive, 0.01)
-        assert progressive.picture is not None
+    with waiting_for_a_busy_host(device) as progressive:
+        forgotten = progressive._pending
+        progressive.show(view(key_x=-1.0), SETTINGS)
+        assert forgotten is not None and forgotten.cancelled()
 
 
 def test_what_cannot_be_shown_says_so_once_and_the_next_is_shown(progressive):

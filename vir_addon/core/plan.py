@@ -131,7 +131,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     needs_rounds = reflections is not None and reflections.runs
     has_passes = any(planned.runs for planned in passes)
     most_views = max((planned.view_count for planned in running), default=0)
-    only_reflects = needs_rounds and not has_passes
+    only_reflects = _only_reflects(passes, reflections)
     batch_count = _light_batch_count(most_views, settings.map_resolution_px, settings, only_reflects) if most_views else 1
 
     def eye_samples_of(batch_count: int) -> int:
@@ -219,7 +219,7 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
     if height_px > limit_px:
         # smaller maps come in larger batches
         reflects = render_plan.reflections is not None and render_plan.reflections.runs
-        only_reflects = reflects and not any(planned.runs for planned in render_plan.passes)
+        only_reflects = _only_reflects(render_plan.passes, render_plan.reflections)
 
         def batches_of(px: int) -> int:
             count = _light_batch_count(most_views, px, render_plan.settings, only_reflects)
@@ -230,6 +230,11 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
             f"a batch of maps of {resolution_px} px is {height_px} px high, and the device's largest texture {limit_px} px: "
             f"choose a map resolution of {fitting_px} or less"
         )
+
+
+def _only_reflects(passes: tuple[PlannedPass, ...], reflections: PlannedReflections | None) -> bool:
+    """Whether maps are made for what reflectors show alone."""
+    return reflections is not None and reflections.runs and not any(planned.runs for planned in passes)
 
 
 def _eye_samples_per_batch(most_views: int, batch_count: int) -> int:

@@ -159,7 +159,7 @@ def main_plane(snapshot: SceneSnapshot, own: np.ndarray) -> np.ndarray | None:
     """(4,) float64 as of `flat_plane`: the one that most of what the eye sees of a reflector lies in, like a tray's within its rim. None
     where no plane has most; what others hide counts."""
     eye_ws = snapshot.camera.world_from_view[:3, 3]
-    triangle_count = sum(snapshot.meshes[snapshot.instances.mesh_index[index]].triangle_count for index in own)
+    triangle_count = _triangle_count(snapshot, own)
     step = max(1, triangle_count // MAX_PLANE_TRIANGLES)
     corners = np.concatenate([positions[triangles[::step]] for positions, triangles in _placed_meshes(snapshot, own, eye_ws)])
     scaled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -170,7 +170,7 @@ def main_plane(snapshot: SceneSnapshot, own: np.ndarray) -> np.ndarray | None:
     corners, scaled, doubled_area, middles, distance = (each[has_area] for each in (corners, scaled, doubled_area, middles, distance))
     toward = -(scaled * middles).sum(axis=1)
     seen = np.abs(toward) / distance**3
-    if all(snapshot.meshes[snapshot.instances.mesh_index[index]].is_closed for index in own):
+    if _are_closed(snapshot, own):
         seen *= toward > 0
     if not seen.sum() > 0:
         return None
@@ -256,7 +256,7 @@ def _view(
 def is_convex_to_eye(snapshot: SceneSnapshot, own: np.ndarray) -> bool:
     """Whether no corner of a reflector lies before any of its surfaces that the eye sees, both on a regular subset."""
     eye_ws = snapshot.camera.world_from_view[:3, 3]
-    triangle_count = sum(snapshot.meshes[snapshot.instances.mesh_index[index]].triangle_count for index in own)
+    triangle_count = _triangle_count(snapshot, own)
     corner_step, triangle_step = max(1, 3 * triangle_count // CONVEXITY_CORNERS), max(1, triangle_count // CONVEXITY_TRIANGLES)
     placed = list(_placed_meshes(snapshot, own, eye_ws))
     # a corner of several triangles once
@@ -266,7 +266,7 @@ def is_convex_to_eye(snapshot: SceneSnapshot, own: np.ndarray) -> bool:
     lengths = np.linalg.norm(normals, axis=1)
     tested, normals = tested[lengths > 0], normals[lengths > 0] / lengths[lengths > 0, None]
     facing = (tested[:, 0] * normals).sum(axis=1) < 0
-    if all(snapshot.meshes[snapshot.instances.mesh_index[index]].is_closed for index in own):
+    if _are_closed(snapshot, own):
         tested, normals = tested[facing], normals[facing]
     else:
         # both sides of what is open may be seen
@@ -324,7 +324,15 @@ def _placed_meshes(snapshot: SceneSnapshot, own: np.ndarray, origin_ws: np.ndarr
 
 def is_too_fine(snapshot: SceneSnapshot, own: np.ndarray) -> bool:
     """Whether it would take too long to find out how solid a reflector is."""
-    return sum(snapshot.meshes[snapshot.instances.mesh_index[index]].triangle_count for index in own) > MAX_INSCRIBED_TRIANGLES
+    return _triangle_count(snapshot, own) > MAX_INSCRIBED_TRIANGLES
+
+
+def _triangle_count(snapshot: SceneSnapshot, own: np.ndarray) -> int:
+    return sum(snapshot.meshes[snapshot.instances.mesh_index[index]].triangle_count for index in own)
+
+
+def _are_closed(snapshot: SceneSnapshot, own: np.ndarray) -> bool:
+    return all(snapshot.meshes[snapshot.instances.mesh_index[index]].is_closed for index in own)
 
 
 def _solid_angles(snapshot: SceneSnapshot, own: np.ndarray, place_ws: np.ndarray) -> tuple[float, float]:
@@ -350,31 +358,35 @@ def _covers(snapshot: SceneSnapshot, own: np.ndarray, place_ws: np.ndarray, shar
     directions = np.concatenate([face.reshape(-1, 3) for face in faces])
     weights = np.tile(((1 + x**2 + y**2) ** -1.5).ravel(), 6)
     covered = np.zeros(len(directions), bool)
+
+    def is_enough() -> bool:
+        return bool(weights[covered].sum() > share * weights.sum())
+
     for triangles in placed_triangles(snapshot, own, place_ws):
         # what is smaller than half a cell has one cell's centre within it or none
         is_small = np.zeros(len(triangles), bool)
         longest = np.abs(triangles[:, 0]).argmax(axis=1)
         for face in range(6):
             axis, side = face // 2, 1 - 2 * (face % 2)
-            own = np.flatnonzero((longest == axis) & (side * triangles[:, 0, axis] > 0))
-            ahead = side * triangles[own, :, axis]
-            at = triangles[own][:, :, [(axis + 1) % 3, (axis + 2) % 3]] / np.where(ahead > 0, ahead, np.inf)[..., None]
+            here = np.flatnonzero((longest == axis) & (side * triangles[:, 0, axis] > 0))
+            ahead = side * triangles[here, :, axis]
+            at = triangles[here][:, :, [(axis + 1) % 3, (axis + 2) % 3]] / np.where(ahead > 0, ahead, np.inf)[..., None]
             low, high = (combine.reduce([at[:, 0], at[:, 1], at[:, 2]]) for combine in (np.minimum, np.maximum))
             fits = (ahead.min(axis=1) > 0) & ((high - low).max(axis=1) < 1 / DIRECTION_CELLS) & (np.maximum(high, -low).max(axis=1) < 1)
-            is_small[own[fits]] = True
+            is_small[here[fits]] = True
             cells = ((at[fits].mean(axis=1) + 1) / 2 * DIRECTION_CELLS).astype(np.int64)
             numbers = (face * DIRECTION_CELLS + cells[:, 1]) * DIRECTION_CELLS + cells[:, 0]
             is_open = ~covered[numbers]
-            numbers, small = numbers[is_open], triangles[own[fits][is_open]]
+            numbers, small = numbers[is_open], triangles[here[fits][is_open]]
             covered[numbers[_within(directions[numbers][:, None], _sides(small))[:, 0]]] = True
         large = triangles[~is_small]
         for first in range(0, len(large), LARGE_AT_ONCE):
             left = np.flatnonzero(~covered)
             part = large[first : first + LARGE_AT_ONCE]
             covered[left[_within(directions[None, left], _sides(part)).any(axis=0)]] = True
-            if weights[covered].sum() > share * weights.sum():
+            if is_enough():
                 return True
-    return bool(weights[covered].sum() > share * weights.sum())
+    return is_enough()
 
 
 def _sides(triangles: np.ndarray) -> np.ndarray:
