@@ -458,3 +458,20 @@ def test_only_colours_are_multiplied_with_their_alpha(add, take, color_space, sh
     mesh = only_mesh(take())
     expected = linear(np.array(share)) if color_space == "sRGB" else share
     np.testing.assert_allclose(opacities(mesh), expected, atol=3e-3)
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 2), reason="Cycles 4.5 reads alpha of files otherwise; VIR does as 5.2")
+@pytest.mark.parametrize("is_packed", [False, True])
+def test_colours_of_premultiplied_files(add, take, tmp_path, is_packed):
+    """A gray of 0.5, which is in the file. Blender divides it by the alpha of 0.6; Cycles takes that of packed files only."""
+    path = tmp_path / "image.png"
+    pytest.importorskip("PIL.Image").fromarray(np.full((2, 2, 4), (128, 128, 128, 153), np.uint8), "RGBA").save(path)
+    image = bpy.data.images.load(str(path))
+    image.alpha_mode = "PREMUL"
+    if is_packed:
+        image.pack()
+    nodes = Nodes()
+    mixed(nodes, nodes.texture(image).outputs["Color"], "BsdfTransparent", "BsdfDiffuse")
+    square(add, nodes)
+    expected = linear(np.array(128 / 153 if is_packed else 128 / 255))
+    np.testing.assert_allclose(opacities(only_mesh(take())), expected, atol=4e-3)

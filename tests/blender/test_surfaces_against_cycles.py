@@ -11,7 +11,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 pytest.importorskip("OpenEXR")
 
-import tempfile  # noqa: E402  (bpy decides whether this file runs)
+import struct  # noqa: E402  (bpy decides whether this file runs)
+import tempfile  # noqa: E402
+import zlib  # noqa: E402
 from pathlib import Path  # noqa: E402
 
 import OpenEXR  # noqa: E402
@@ -334,11 +336,10 @@ def test_computed_textures_as_in_cycles(device, scene, add, look):
     np.testing.assert_allclose(ours, truth, atol=3e-3)
 
 
-def with_alpha(mode, color_space, *, uses_alpha):
+def shining_by(image, *, uses_alpha):
     """Its colours shine, by their alpha where that is used as well."""
-    rgba = np.random.default_rng(4).uniform(0.2, 1, (2, 2, 4)).astype(np.float32)
-    nodes = Nodes(f"{mode} {color_space} {uses_alpha}")
-    texture, emission = nodes.texture(image_of(rgba, f"{mode} {color_space}", color_space=color_space, alpha_mode=mode)), nodes("Emission")
+    nodes = Nodes(f"{image.name} {uses_alpha}")
+    texture, emission = nodes.texture(image), nodes("Emission")
     nodes.link(texture.outputs["Color"], emission.inputs["Color"])
     if uses_alpha:
         nodes.link(texture.outputs["Alpha"], emission.inputs["Strength"])
@@ -346,12 +347,51 @@ def with_alpha(mode, color_space, *, uses_alpha):
     return nodes.material
 
 
+def compare_images(device, scene, add, look, images):
+    materials = [shining_by(image, uses_alpha=uses_alpha) for image in images for uses_alpha in (False, True)]
+    away = rows_of_squares(add, materials)
+    ours, truth = our_radiance(device, look(), len(materials), away), cycles_radiance(scene, len(materials), 16)
+    np.testing.assert_allclose(ours, truth, rtol=0.01)
+
+
 @pytest.mark.parametrize("color_space", ["sRGB", "Non-Color"])
 def test_images_with_alpha_as_in_cycles(device, scene, add, look, color_space):
     # Cycles 4.5 multiplies bytes of colours by alpha though they are said to be premultiplied; VIR does as 5.2
     premultiplied = ("PREMUL",) if bpy.app.version >= (5, 0) or color_space == "Non-Color" else ()
+    rgba = np.random.default_rng(4).uniform(0.2, 1, (2, 2, 4)).astype(np.float32)
     modes = ("STRAIGHT", *premultiplied, "CHANNEL_PACKED", "NONE")
-    materials = [with_alpha(mode, color_space, uses_alpha=uses_alpha) for mode in modes for uses_alpha in (False, True)]
-    away = rows_of_squares(add, materials)
-    ours, truth = our_radiance(device, look(), len(materials), away), cycles_radiance(scene, len(materials), 16)
-    np.testing.assert_allclose(ours, truth, rtol=0.01)
+    images = [image_of(rgba, mode, color_space=color_space, alpha_mode=mode) for mode in modes]
+    compare_images(device, scene, add, look, images)
+
+
+def write_png(path, rgba, *, bits):
+    """Texels as they are: Blender and other writers divide by alpha, or know no 16 bits."""
+    height, width, _ = rgba.shape
+    values = np.round(rgba[::-1] * (2**bits - 1)).astype(f">u{bits // 8}")
+    rows = b"".join(b"\0" + row.tobytes() for row in values)
+    parts = {b"IHDR": struct.pack(">IIBBBBB", width, height, bits, 6, 0, 0, 0), b"IDAT": zlib.compress(rows), b"IEND": b""}
+    chunks = (struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in parts.items())
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(chunks))
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 2), reason="Cycles 4.5 reads alpha of files otherwise; VIR does as 5.2")
+@pytest.mark.parametrize("is_packed", [False, True], ids=["on disk", "packed"])
+@pytest.mark.parametrize("color_space", ["sRGB", "Linear Rec.709", "Non-Color"])
+@pytest.mark.parametrize("kind", ["8 bits", "16 bits", "floats"])
+def test_files_with_alpha_as_in_cycles(device, scene, add, look, tmp_path, kind, color_space, is_packed):
+    """Cycles opens files by itself, and takes what is packed from Blender, which multiplies floats by alpha and divides bytes by it."""
+    rgba = np.random.default_rng(4).uniform(0.5, 1, (2, 2, 4)).astype(np.float32)
+    rgba[..., :3] *= rgba[..., 3:]  # premultiplied ones never have more
+    path = tmp_path / ("image.exr" if kind == "floats" else "image.png")
+    if kind == "floats":
+        OpenEXR.File({}, {"RGBA": rgba[::-1].copy()}).write(str(path))
+    else:
+        write_png(path, rgba, bits=int(kind.split()[0]))
+    images = []
+    for mode in ("STRAIGHT", "PREMUL", "CHANNEL_PACKED", "NONE"):
+        images.append(bpy.data.images.load(str(path)))
+        images[-1].name = mode
+        images[-1].colorspace_settings.name, images[-1].alpha_mode = color_space, mode
+        if is_packed:
+            images[-1].pack()
+    compare_images(device, scene, add, look, images)

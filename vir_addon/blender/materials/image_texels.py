@@ -45,8 +45,21 @@ def _linear_to_srgb(linear: np.ndarray) -> np.ndarray:
 
 
 def has_encoded_color(image: bpy.types.Image, channel: Channel) -> bool:
-    """Whether `texels_of` gives sRGB-encoded values, which is what renderers interpolate. Float images are linear already."""
-    return channel is not Channel.ALPHA and not image.is_float and image.colorspace_settings.name == "sRGB"
+    """Whether `texels_of` gives sRGB-encoded values, which is what renderers interpolate. Floats that Blender hands to them are linear."""
+    is_encoded = image.colorspace_settings.name == "sRGB" and (not image.is_float or is_read_by_renderers(image))
+    return channel is not Channel.ALPHA and is_encoded
+
+
+def is_read_by_renderers(image: bpy.types.Image) -> bool:
+    """Whether Cycles opens the file by itself. What it makes of texels is then not what it makes of Blender's pixels (5.2, measured)."""
+    return image.source == "FILE" and not image.packed_file and not image.is_dirty
+
+
+def is_multiplied_by_alpha(image: bpy.types.Image) -> bool:
+    """Whether renderers take the colours of `texels_of` times alpha where only the colour is asked for."""
+    if image.colorspace_settings.is_data:
+        return False
+    return image.alpha_mode == "STRAIGHT" or (image.alpha_mode == "PREMUL" and is_read_by_renderers(image))
 
 
 @dataclass(frozen=True)
@@ -55,7 +68,7 @@ class ImagePixels:
 
     name: str
     pixels: np.ndarray
-    """(height, width, channel_count) float32, row 0 at the bottom"""
+    """(height, width, channel_count) float32, row 0 at the bottom, as Blender has them"""
     width_px: int
     """the image's own, as `height_px`"""
     height_px: int
@@ -66,6 +79,8 @@ class ImagePixels:
     """colours are encoded"""
     alpha_mode: str
     """Blender's"""
+    differs_from_file: bool
+    """Blender has changed what renderers read from the file"""
 
 
 def take_pixels(image: bpy.types.Image, *, is_color: bool) -> ImagePixels:
@@ -81,11 +96,29 @@ def take_pixels(image: bpy.types.Image, *, is_color: bool) -> ImagePixels:
         is_data=image.colorspace_settings.is_data,
         is_srgb=has_encoded_color(image, Channel.RED),
         alpha_mode=image.alpha_mode,
+        # larger ones are not Blender's pixels
+        differs_from_file=is_read_by_renderers(image) and width * height <= LARGEST_PX,
     )
 
 
+def _unmultiplied_colors(image: ImagePixels) -> None:
+    """Makes the pixels' colours those of the file, but not multiplied by alpha. Blender's floats are linear and always multiplied by alpha,
+    its bytes never, whatever the file holds."""
+    if not (image.differs_from_file and image.is_float) or image.is_data:
+        return
+    has_alpha = image.pixels.shape[2] in (2, 4)
+    colors = image.pixels[..., :-1] if has_alpha else image.pixels
+    if has_alpha and image.alpha_mode in ("STRAIGHT", "PREMUL"):
+        alpha = image.pixels[..., -1:]
+        np.divide(colors, alpha, out=colors, where=alpha > 0.0)
+    if image.is_srgb:
+        colors[...] = _linear_to_srgb(colors)
+
+
 def texels_of(image: ImagePixels, channel: Channel) -> tuple[np.ndarray, str]:
-    """(height, width) uint8, row 0 at the bottom, and a note for the user or ''."""
+    """(height, width) uint8, row 0 at the bottom, and a note for the user or ''. Spoils the pixels."""
+    if channel is not Channel.ALPHA:
+        _unmultiplied_colors(image)
     pixels, width, height = image.pixels, image.width_px, image.height_px
     channel_count = pixels.shape[2]
     note = ""
@@ -125,9 +158,10 @@ def colors_of(image: ImagePixels, max_side_px: int, max_bytes: int) -> tuple[Ima
     channel_count = pixels.shape[2]
     has_alpha = channel_count in (2, 4) and image.alpha_mode != "NONE" and bool((pixels[..., -1] < 1.0).any())
     is_packed = image.alpha_mode == "CHANNEL_PACKED" or image.is_data
-    if has_alpha and not is_packed and image.alpha_mode == "STRAIGHT":
+    _unmultiplied_colors(image)
+    if has_alpha and not is_packed and (image.alpha_mode == "STRAIGHT" or image.differs_from_file):
         pixels[..., :-1] *= pixels[..., -1:]
-        if not image.is_float:
+        if not image.is_float and image.alpha_mode == "STRAIGHT":
             # Cycles rounds products of bytes down, which shows where little is left
             pixels[..., :-1] = np.floor(pixels[..., :-1] * np.float32(255) + np.float32(1e-3)) / np.float32(255)
     is_gray = channel_count < 3 or _is_gray(pixels[..., :3])

@@ -17,7 +17,7 @@ from ...core.material import IDENTITY_UV_ROWS, Extension, UvRows
 from ...core.material_program import LUMINANCE
 from ...core.scene import LeftOut, OpacityMap
 from .image_cache import ImageCache
-from .image_texels import Channel, UnreadableImage, has_encoded_color, srgb_to_linear
+from .image_texels import Channel, UnreadableImage, has_encoded_color, is_multiplied_by_alpha, srgb_to_linear
 from .inputs import EXTENSIONS, NodeInput, UnreadableNodes, check_image_node, output_node, output_target, read_uv, slot_materials
 
 _TEXEL_VALUES = np.linspace(0.0, 1.0, 256)
@@ -269,8 +269,7 @@ def _color_ramp(node: bpy.types.Node, place: _Scalar, *, is_alpha: bool) -> _Sca
 def _texture(node: bpy.types.Node, here: NodeInput, channel: Channel) -> _Texture:
     check_image_node(node)
     # Cycles and EEVEE hand out colours multiplied with alpha where only the colour is asked for, but leave data alone
-    is_color = node.image.alpha_mode == "STRAIGHT" and not node.image.colorspace_settings.is_data
-    if channel is Channel.GRAY and not node.outputs["Alpha"].is_linked and is_color:
+    if channel is Channel.GRAY and not node.outputs["Alpha"].is_linked and is_multiplied_by_alpha(node.image):
         channel = Channel.GRAY_TIMES_ALPHA
     uv_map, uv_rows = read_uv(here.of(node, "Vector"))
     return _Texture(node.image, channel, EXTENSIONS[node.extension], node.interpolation != "Closest", uv_map, uv_rows)
