@@ -1,11 +1,12 @@
-"""python -m vir_addon plan | render | doctor"""
+"""python -m vir_addon plan | render | doctor
+
+Everything else is imported within `main`, where Ctrl-C is waited for: importing takes most of a short command's time.
+"""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-
-from .core.errors import VirError
 
 LOG_WIDTH = 140
 STOPPED_STATUS = 130
@@ -15,32 +16,40 @@ STOPPED_STATUS = 130
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command. Returns the exit status; argparse itself exits with 2 on wrong usage."""
     try:
+        from .cli.interrupts import remembered_interrupts
+
+        with remembered_interrupts():
+            return _run(argv)
+    except KeyboardInterrupt:
+        print("vir: stopped; files that were written are whole", file=sys.stderr)
+        return STOPPED_STATUS
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    try:
         from rich.console import Console
     except ImportError as error:
         print(f"vir: the command line needs the package rich ({error}); run: python -m pip install rich", file=sys.stderr)
         return 4
     from .cli.arguments import make_parser
-    from .cli.interrupts import remembered_interrupts
+    from .core.errors import VirError
 
     arguments = make_parser().parse_args(argv)
     # into a file or a farm's log there is no width to fit: keep a line a line
-    console, errors = Console(width=None if sys.stdout.isatty() else LOG_WIDTH), Console(stderr=True)
+    console = Console(width=None if sys.stdout.isatty() else LOG_WIDTH)
     try:
-        with remembered_interrupts():
-            if arguments.command == "doctor":
-                from .cli.doctor import run_doctor
+        if arguments.command == "doctor":
+            from .cli.doctor import run_doctor
 
-                run_doctor(console)
-            else:
-                from .cli.commands import run_plan, run_render
+            run_doctor(console)
+        else:
+            from .cli.commands import run_plan, run_render
 
-                (run_plan if arguments.command == "plan" else run_render)(arguments, console)
+            (run_plan if arguments.command == "plan" else run_render)(arguments, console)
     except VirError as error:
+        errors = Console(stderr=True)
         errors.print(f"vir: {error}", style="red", highlight=False, markup=False, soft_wrap=True)
         return error.exit_status
-    except KeyboardInterrupt:
-        errors.print("vir: stopped; files that were written are whole", highlight=False)
-        return STOPPED_STATUS
     return 0
 
 

@@ -223,6 +223,28 @@ def test_a_log_has_a_line_for_each_step(blend, folder):
     assert all(line.startswith(f"frame 1 {layer}: 8/8 views, error") for line, layer in zip(steps[5::2], layers, strict=True))
 
 
+@pytest.mark.parametrize("module", ["vir_addon.cli", "rich", "argparse", "numpy", "vir_addon.cli.commands", "bpy"])
+def test_ctrl_c_while_importing(blend, module):
+    """The first and the last of the program's own modules, and those that take longest."""
+    script = """if True:
+        import runpy, signal, sys
+        class Interrupter:
+            awaited = sys.argv.pop()
+            @classmethod
+            def find_spec(cls, name, *_):
+                if name == cls.awaited:
+                    cls.awaited = None
+                    print("interrupted", flush=True)
+                    signal.raise_signal(signal.SIGINT)
+        sys.meta_path.insert(0, Interrupter)
+        runpy.run_module("vir_addon", run_name="__main__", alter_sys=True)
+    """
+    command = [sys.executable, "-c", script, "plan", str(blend), module]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+    assert done.stdout.startswith("interrupted")
+    assert (done.returncode, done.stderr) == (130, "vir: stopped; files that were written are whole\n")
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="has no SIGINT for other processes")
 @pytest.mark.parametrize("step", ["Read blend", "evaluating", "preparing"])
 def test_ctrl_c_before_the_first_picture(blend, folder, step):
