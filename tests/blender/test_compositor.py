@@ -217,3 +217,15 @@ def test_written_exr_files_are_multilayer_images_to_blender(scene, tmp_path):
     for name, expected in passes.images.items():
         tree.links.new(node.outputs[name], picture_input(tree))
         np.testing.assert_array_equal(render(scene, tmp_path / "read.exr")[..., 0], expected)
+
+
+@pytest.mark.parametrize("aspect", [(1.0, 1.0), (2.0, 1.0), (1.0, 1.75)])
+def test_the_pixels_of_exr_files_are_as_wide_as_in_blenders_own(scene, tmp_path, aspect):
+    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = aspect
+    render(scene, tmp_path / "blender.exr")
+    write_exr(tmp_path / "passes.exr", {"Layer": passes_of(ALL)}, scene_name="Scene", frame=1, pixel_aspect=aspect[0] / aspect[1])
+    ratios = []
+    for name in ("blender", "passes"):
+        with OpenEXR.File(str(tmp_path / f"{name}.exr")) as file:
+            ratios.append(file.header()["pixelAspectRatio"])
+    assert ratios[0] == ratios[1]

@@ -24,6 +24,7 @@ bpy = pytest.importorskip("bpy")
 OpenEXR = pytest.importorskip("OpenEXR")
 
 TIMEOUT_S = 120
+PIXEL_ASPECT = 1.5
 SIZE = ("--resolution", "64x36", "--views", "8", "--map-resolution", "128")
 
 
@@ -50,6 +51,7 @@ def build(path, *, camera=True, light=True, surfaces=True):
     if camera:
         scene.camera = put("Camera", bpy.data.cameras.new("Camera"), (0, -7, 4), (1.05, 0, 0))
     scene.view_layers.new("Second.Layer")
+    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = PIXEL_ASPECT, 1.0
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
 
 
@@ -90,6 +92,7 @@ def test_render_writes_what_it_promises(rendered):
         layers = ("ViewLayer", "Second_Layer")
         assert set(channels) == {f"{layer}.VIR Shadow{light}.V" for layer in layers for light in ("", " Key_001")}
         image = channels["ViewLayer.VIR Shadow Key_001.V"].pixels
+        assert file.header()["pixelAspectRatio"] == PIXEL_ASPECT
     assert image.dtype == np.float32 and image.shape == (36, 64)
     assert image.min() < 0.1 and image.max() == 1
 

@@ -119,7 +119,8 @@ def run_render(arguments: argparse.Namespace, console: Console) -> None:
             target = arguments.output / f"{arguments.scene.stem}_{frame:04d}.exr"
             layers = {name: _render_layer(job, device, console, f"frame {frame} {name}") for name, job in jobs.items()}
             start = time.perf_counter()
-            write_exr(target, layers, scene_name=scene.name, frame=frame)
+            pixel_aspect = scene.render.pixel_aspect_x / scene.render.pixel_aspect_y
+            write_exr(target, layers, scene_name=scene.name, frame=frame, pixel_aspect=pixel_aspect)
             if arguments.preview:
                 _write_previews(target, layers)
             write_ms = (time.perf_counter() - start) * 1e3

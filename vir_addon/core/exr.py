@@ -18,10 +18,10 @@ def channel_name(view_layer_name: str, pass_name: str, channel: str = "V") -> st
     return f"{view_layer_name.replace('.', '_')}.{pass_name.replace('.', '_')}.{channel}"
 
 
-def write_exr(target: Path, layers: Mapping[str, PassSet], *, scene_name: str, frame: int) -> None:
+def write_exr(target: Path, layers: Mapping[str, PassSet], *, scene_name: str, frame: int, pixel_aspect: float = 1.0) -> None:
     """Write every image of every view layer as a channel V, or R, G and B: 32-bit float, one part, ZIP; how each was made as attributes.
 
-    layers: view layer name -> its passes.
+    layers: view layer name -> its passes. pixel_aspect: a pixel's width divided by its height, as Blender writes it into its own files
 
     Raises UsageError when `target` cannot be written, when OpenEXR is not installed, when there are no images or when two
     would share a channel.
@@ -34,6 +34,7 @@ def write_exr(target: Path, layers: Mapping[str, PassSet], *, scene_name: str, f
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
+        "pixelAspectRatio": float(pixel_aspect),
         **_attributes(layers, scene_name, frame),
     }
     with whole_file(target) as temporary:
