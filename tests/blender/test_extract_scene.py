@@ -288,7 +288,37 @@ def test_broken_vertices_are_reported_by_object(add, take):
     add.mesh("Broken", [(0, 0, 0), (1, 0, 0), (0, 1, 0), (math.nan, 0, 0)], [(0, 1, 2), (1, 2, 3)])
     taken = take()
     assert taken.unique_triangle_count == 1
-    assert [(one.object_name, one.vertex_count) for one in taken.left_out] == [("Broken", 1)]
+    (one,) = taken.left_out
+    assert (one.object_name, one.instance_count, one.vertex_count, one.triangle_count) == ("Broken", 0, 1, 1)
+    assert one.text.startswith("Broken: has vertices") and one.text.endswith("(vertices: 1, triangles: 1)")
+
+
+def test_what_is_left_out_is_counted_where_it_would_stand(scene, add, take):
+    """By instance, not by the meshes that one is taken apart into; what stands nowhere, by object."""
+    group = bpy.data.collections.new("Group")
+    add.object("Smoke", bpy.data.volumes.new("Smoke"), group)
+    flat = add.cube("Flat", group, scale=(1.0, 1.0, 0.0))
+    for alpha in (1.0, 0.5):
+        material = bpy.data.materials.new("material")
+        if bpy.app.version < (5, 0):
+            material.use_nodes = True
+        material.node_tree.nodes["Principled BSDF"].inputs["Alpha"].default_value = alpha
+        flat.data.materials.append(material)
+    flat.data.polygons[0].material_index = 1
+    for number in range(3):
+        add.instance_of(group, location=(number, 0.0, 0.0))
+    add.light("Nowhere", scale=(0.0, 0.0, 0.0))
+    taken = take()
+    assert [(one.object_name, one.instance_count) for one in taken.left_out] == [("Flat", 3), ("Nowhere", 1), ("Smoke", 3)]
+    assert taken.left_out[2].text.endswith("yet (instances: 3)") and "(" not in taken.left_out[1].text
+
+
+def test_triangles_without_area_are_counted(add, take):
+    corners = [(0, 0, 0), (1, 1, 1), (2, 2, 2), (0, 0, 0), (1, 0, 0), (0, 1e-3, 0)]
+    add.mesh("Slivers", corners, [(0, 1, 2), (0, 3, 4), (0, 4, 5), (1, 4, 5)])
+    for name in ("Cube", "Copy"):
+        add.cube(name)
+    assert take().flat_triangle_count == 2
 
 
 def build(add, names):

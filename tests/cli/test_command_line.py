@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import os
 import re
 import signal
@@ -110,6 +111,27 @@ def test_statistics_are_complete(rendered, folder):
     (made,) = layer["passes"]
     assert (made["light_name"], made["view_count"], made["map_resolution_px"]) == ("Key.001", 8, 128)
     assert made["method"].startswith(("mvr", "micro", "ivir")) and made["error_estimate"] > 0 and "point_count" in made
+
+
+def test_what_is_left_out_is_counted_in_plan_and_statistics(folder, capsys):
+    path, stats = folder / "broken mesh.blend", folder / "broken.json"
+    build(path)
+    mesh = bpy.data.meshes.new("Broken")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, math.nan), (2, 0, 0)], [], [(0, 1, 2), (2, 1, 3), (0, 1, 4), (1, 4, 3)])
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("Broken", mesh))
+    for name in ("Smoke", "Fog"):
+        bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, bpy.data.volumes.new(name)))
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    assert main(["plan", str(path)]) == 0
+    printed = capsys.readouterr().out
+    assert "6 triangles, 1 of them without area (6 with instances)" in printed
+    assert "the triangles at them are missing (vertices: 1, triangles: 2)" in printed
+    assert main(["render", str(path), "--output", str(folder / "broken"), *SIZE, "--stats", str(stats)]) == 0
+    layer = json.loads(stats.read_text())["frames"][0]["view_layers"]["ViewLayer"]
+    assert (layer["unique_triangle_count"], layer["flat_triangle_count"]) == (6, 1)
+    assert (layer["left_out_object_count"], layer["left_out_instance_count"]) == (2, 2)
+    assert (layer["dropped_vertex_count"], layer["dropped_triangle_count"]) == (1, 2)
+    assert [text.split(":")[0] for text in layer["left_out"]] == ["Broken", "Fog", "Smoke"]
 
 
 def test_plan_says_why_and_does_nothing(blend, folder):

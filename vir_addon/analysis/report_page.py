@@ -37,9 +37,11 @@ def report_page(title: str, layers: Mapping[str, SetStatistics], pictures: Mappi
 
 
 def _layer(name: str, statistics: SetStatistics) -> list[str]:
+    flat = f", {statistics.flat_triangle_count:,} of them without area" if statistics.flat_triangle_count else ""
     scene = (
-        f"{statistics.object_count:,} objects, {statistics.instance_count:,} instances, {statistics.unique_triangle_count:,} triangles "
-        f"({statistics.instanced_triangle_count:,} with instances), {statistics.eye_sample_count} eye samples, on {statistics.device}"
+        f"{statistics.object_count:,} objects, {statistics.instance_count:,} instances, "
+        f"{statistics.unique_triangle_count:,} triangles{flat} ({statistics.instanced_triangle_count:,} with instances), "
+        f"{statistics.eye_sample_count} eye samples, on {statistics.device}"
     )
     head = ("pass", "light", "method", "views", "maps", "error", "seconds", "why")
     totals = dict(statistics.stage_ms)

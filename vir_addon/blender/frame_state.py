@@ -97,7 +97,7 @@ def _add_plan(state: SceneState, layer_name: str, job: LayerJob) -> None:
             if reflector.maps or runs is None or reflector.runs > runs:
                 state.reflectors[reflector.name] = (reflector.runs, how)
     state.notes = tuple(dict.fromkeys((*state.notes, *job.plan.notes)))
-    state.left_out = tuple(sorted({*state.left_out, *(f"{item.object_name}: {item.reason}" for item in job.snapshot.left_out)}))
+    state.left_out = tuple(sorted({*state.left_out, *(item.text for item in job.snapshot.left_out)}))
 
 
 def note_render(scene: bpy.types.Scene, jobs: Mapping[str, LayerJob], layers: Mapping[str, PassSet], render_s: float) -> None:

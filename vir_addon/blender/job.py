@@ -83,7 +83,7 @@ def frame_jobs(
         layer.name: take_snapshot(scene, layer, resolution, on_step, with_materials=reflects) for layer in rendered_view_layers(scene)
     }
     if not any(len(taken.instances) for taken in snapshots.values()) and not _has_surface_objects(scene.objects):
-        left_out = sorted({f"{item.object_name}: {item.reason}" for taken in snapshots.values() for item in taken.left_out})
+        left_out = sorted({item.text for taken in snapshots.values() for item in taken.left_out})
         raise SceneError(
             f"scene {scene.name!r} has no surface that a shadow could fall on; add a mesh, a curve with a bevel, a text or a metaball"
             + (f"; left out: {', '.join(left_out)}" if left_out else "")

@@ -27,10 +27,11 @@ def error_text(value: float) -> str:
 
 
 def print_plan(console: Console, snapshot: SceneSnapshot, plan: RenderPlan) -> None:
+    flat = f", {snapshot.flat_triangle_count:,} of them without area" if snapshot.flat_triangle_count else ""
     console.print(
         f"[bold]{snapshot.scene_name}[/], {snapshot.view_layer_name}, frame {snapshot.frame}, {snapshot.width_px} x {snapshot.height_px}: "
         f"{len(snapshot.instances)} instances of {len(snapshot.meshes)} meshes, "
-        f"{snapshot.unique_triangle_count:,} triangles ({snapshot.instanced_triangle_count:,} with instances)",
+        f"{snapshot.unique_triangle_count:,} triangles{flat} ({snapshot.instanced_triangle_count:,} with instances)",
         highlight=False,
     )
     table = Table("light", "runs", "method", "views", "maps", "predicted", "why")
@@ -46,7 +47,7 @@ def print_plan(console: Console, snapshot: SceneSnapshot, plan: RenderPlan) -> N
     print_reflectors(console, plan)
     predicted = f"about {milliseconds(plan.predicted_ms)} on {plan.settings.hardware.value}"
     console.print(f"{plan.batch_count} batches, {plan.eye_sample_count} eye samples, {predicted}", highlight=False)
-    print_notes(console, list(plan.notes), [f"{item.object_name}: {item.reason}" for item in snapshot.left_out])
+    print_notes(console, list(plan.notes), [item.text for item in snapshot.left_out])
 
 
 def print_reflectors(console: Console, plan: RenderPlan) -> None:
@@ -69,9 +70,9 @@ def print_reflectors(console: Console, plan: RenderPlan) -> None:
 
 def print_notes(console: Console, notes: list[str], left_out: list[str]) -> None:
     for note in notes:
-        console.print(f"note: {note}", highlight=False, markup=False)
+        console.print(f"note: {note}", highlight=False, markup=False, soft_wrap=True)
     for text in left_out:
-        console.print(f"left out: {text}", highlight=False, markup=False)
+        console.print(f"left out: {text}", highlight=False, markup=False, soft_wrap=True)
 
 
 def print_statistics(console: Console, statistics: SetStatistics) -> None:

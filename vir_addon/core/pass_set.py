@@ -169,13 +169,20 @@ class SetStatistics:
     instance_count: int = 0
     unique_triangle_count: int = 0
     instanced_triangle_count: int = 0
+    flat_triangle_count: int = 0
+    """of the unique ones, those without area, which no picture shows"""
+    left_out_object_count: int = 0
+    left_out_instance_count: int = 0
+    dropped_vertex_count: int = 0
+    """of objects that are there"""
+    dropped_triangle_count: int = 0
     eye_sample_count: int = 0
     stage_ms: dict[str, float] = field(default_factory=dict)
     """stages shared by all passes"""
     passes: list[PassStatistics] = field(default_factory=list)
     reflections: ReflectionStatistics | None = None
     left_out: list[str] = field(default_factory=list)
-    """one sentence an object: what is missing from the picture and why"""
+    """one sentence an object: what is missing from the picture, why, and how much where that is counted"""
     notes: list[str] = field(default_factory=list)
 
 

@@ -78,7 +78,9 @@ class Progress:
     def statistics(self) -> SetStatistics:
         """With the error estimates of the passes so far."""
         _ = self.error_estimate
-        return self._renderer.statistics
+        statistics = self._renderer.statistics
+        statistics.flat_triangle_count = self._renderer.snapshot.flat_triangle_count
+        return statistics
 
     @property
     def passes(self) -> dict[str, np.ndarray]:
@@ -166,7 +168,11 @@ class Renderer:
             instanced_triangle_count=snapshot.instanced_triangle_count,
             eye_sample_count=plan.eye_sample_count,
             stage_ms=self.stopwatch.shared_ms,
-            left_out=[f"{item.object_name}: {item.reason}" for item in snapshot.left_out],
+            left_out_object_count=len({item.object_name for item in snapshot.left_out if item.instance_count}),
+            left_out_instance_count=sum(item.instance_count for item in snapshot.left_out),
+            dropped_vertex_count=sum(item.vertex_count for item in snapshot.left_out),
+            dropped_triangle_count=sum(item.triangle_count for item in snapshot.left_out),
+            left_out=[item.text for item in snapshot.left_out],
             notes=list(plan.notes),
         )
         self.stopwatch.shared_ms["extract"] = snapshot.extract_ms

