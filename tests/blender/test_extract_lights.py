@@ -9,7 +9,10 @@ bpy = pytest.importorskip("bpy")
 
 from mathutils import Matrix  # noqa: E402  (bpy decides whether this file runs)
 
+from vir_addon.core.errors import SceneError  # noqa: E402
+from vir_addon.core.plan import plan  # noqa: E402
 from vir_addon.core.scene import LightShape  # noqa: E402
+from vir_addon.core.settings import Settings  # noqa: E402
 
 
 def only_light(taken):
@@ -259,3 +262,33 @@ def test_instances_are_linked_by_their_object_or_by_their_instancer(scene, add, 
     assert len(taken.instances) == 2
     assert of_named.tolist() == [True, False]
     assert of_unnamed.tolist() == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("kind", "data", "placed", "wrong"),
+    [
+        ("POINT", {"energy": math.nan}, {}, "strength or colour"),
+        ("AREA", {"energy": math.inf}, {}, "strength or colour"),
+        ("SUN", {"color": (math.inf, 1.0, 1.0)}, {}, "strength or colour"),  # which Blender keeps as the largest finite number
+        ("POINT", {"shadow_soft_size": math.nan}, {}, "size or angle"),
+        ("AREA", {"size": math.inf}, {}, "size or angle"),
+        ("AREA", {"spread": math.nan}, {}, "size or angle"),
+        ("SUN", {"angle": math.nan}, {}, "size or angle"),
+        ("SPOT", {"spot_size": math.nan}, {}, "size or angle"),
+        ("SPOT", {"spot_blend": math.nan}, {}, "size or angle"),
+        ("SPOT", {}, {"location": (math.inf, 0.0, 0.0)}, "position or scale"),
+        ("POINT", {}, {"scale": (math.nan, 1.0, 1.0)}, "position or scale"),
+        ("AREA", {}, {"scale": (0.0, 0.0, 0.0)}, "scale of zero"),
+    ],
+)
+def test_a_light_whose_numbers_are_no_numbers_is_named(add, take, kind, data, placed, wrong):
+    add.cube("Cube")
+    add.light("Lamp", kind, data=data, **placed)
+    taken = take()
+    assert not taken.lights
+    (left_out,) = taken.left_out
+    assert left_out.object_name == "Lamp" and wrong in left_out.reason
+    with pytest.raises(SceneError, match=f"no light.*; Lamp is left out: the light has a .*{wrong}"):
+        plan(taken, Settings())
+    add.light("Key", "POINT")
+    assert [planned.pass_name for planned in plan(take(), Settings()).passes] == ["VIR Shadow Key"]

@@ -272,7 +272,8 @@ def _chosen_lights(snapshot: SceneSnapshot, settings: Settings) -> list[Light]:
     else:
         lights = list(snapshot.lights)
     if not lights and Effect.SHADOW in settings.effects:
-        raise SceneError(f"scene {snapshot.scene_name!r} has no light that is rendered; add a light or enable one for rendering")
+        left_out = "".join(f"; {item.object_name} is left out: {item.reason}" for item in snapshot.left_out if item.is_light)
+        raise SceneError(f"scene {snapshot.scene_name!r} has no light that is rendered; add a light or enable one for rendering{left_out}")
     return lights
 
 

@@ -267,6 +267,7 @@ class LeftOut:
     """dropped vertices, where that is what happened"""
     triangle_count: int = 0
     """triangles that went with them"""
+    is_light: bool = False
 
     @property
     def text(self) -> str:

@@ -23,7 +23,7 @@ from ..render_depsgraph import engine_of
 from .camera import Picture, extract_camera, extract_picture, extract_pixel_filter
 from .instances import PlacedInstances, SurfaceRows
 from .light_linking import SceneLinking
-from .lights import LightRow, name_lights, place_light
+from .lights import LightRow, UnusableLight, name_lights, place_light
 from .mesh_cache import MaterialReaders, MeshCache
 from .scene_walk import CountedWalk, SceneWalk
 from .viewport_view import ViewportView
@@ -200,9 +200,10 @@ def _appearance(surfaces: SurfaceRows, worlds: WorldReader, depsgraph: bpy.types
 def _place_lights(rows: list[LightRow], placed: PlacedInstances, linking: SceneLinking) -> tuple[tuple[Light, ...], list[LeftOut]]:
     lights, left_out = [], []
     for name, row in name_lights(rows):
-        light = place_light(row, name, placed.world_origin_m)
-        if light is None:
-            left_out.append(LeftOut(name, "the light has a scale of zero or a position that is not a finite number", instance_count=1))
+        try:
+            light = place_light(row, name, placed.world_origin_m)
+        except UnusableLight as error:
+            left_out.append(LeftOut(name, str(error), instance_count=1, is_light=True))
             continue
         blocking = linking.blockers.mask(row.object_uid, placed.object_uid, placed.instancer_uid)
         lights.append(

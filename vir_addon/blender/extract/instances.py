@@ -227,8 +227,8 @@ class SurfaceRows:
         left_out = []
         if extracted.dropped_vertex_count:
             reason = "has vertices whose coordinates are not finite numbers (or beyond 1e15); the triangles at them are missing"
-            counts = {"vertex_count": extracted.dropped_vertex_count, "triangle_count": extracted.dropped_triangle_count}
-            left_out.append(LeftOut(shown.name, reason, **counts))
+            dropped = extracted.dropped_vertex_count, extracted.dropped_triangle_count
+            left_out.append(LeftOut(shown.name, reason, vertex_count=dropped[0], triangle_count=dropped[1]))
         if extracted.mesh is not None and layers is not None:
             extracted = replace(extracted, mesh=with_layers(data, extracted, layers))
         if extracted.mesh is None:

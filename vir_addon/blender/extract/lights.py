@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...core.material_program import LUMINANCE
 from ...core.scene import Light, LightShape
@@ -18,6 +19,8 @@ _AREA_SHAPES = {
     "DISK": LightShape.ELLIPSE,
     "ELLIPSE": LightShape.ELLIPSE,
 }
+_LARGEST = 1e15
+"""Of a light's numbers. Beyond it one is as good as infinite: products of a few no longer fit into single precision."""
 _OTHER_SHAPES = {"POINT": LightShape.POINT, "SPOT": LightShape.SPOT, "SUN": LightShape.SUN}
 
 
@@ -128,13 +131,23 @@ def _emission_of_nodes(data: bpy.types.Light) -> np.ndarray:
     return np.array(emission.inputs["Color"].default_value[:3]) * emission.inputs["Strength"].default_value
 
 
-def place_light(row: LightRow, name: str, world_origin_m: np.ndarray) -> Light | None:
-    """None: its matrix is not finite, or has no direction to shine in."""
-    if not np.isfinite(row.world_from_object).all():
-        return None
+class UnusableLight(Exception):  # noqa: N818  a reason, caught where lights are placed
+    """The text says what is wrong with it."""
+
+
+def place_light(row: LightRow, name: str, world_origin_m: np.ndarray) -> Light:
+    """Raises UnusableLight."""
+    numbers: dict[str, ArrayLike] = {
+        "position or scale": row.world_from_object,
+        "size or angle": (row.size_x_m, row.size_y_m, row.spread_rad, row.cone_rad, row.cone_blend),
+        "strength or colour": row.strength_rgb,
+    }
+    for what, values in numbers.items():
+        if not (np.abs(values) <= _LARGEST).all():
+            raise UnusableLight(f"the light has a {what} that is not a finite number (or beyond 1e15)")
     placed = _orthonormal(row.world_from_object[:3, :3], is_flat=row.shape.is_area)
     if placed is None:
-        return None
+        raise UnusableLight("the light has a scale of zero")
     axes, width_factor, height_factor = placed
     world_from_light = np.eye(4)
     world_from_light[:3, :3] = axes
