@@ -42,8 +42,8 @@ struct Cells {
 #include "lib/lattice_strip.glsl"
 #else
 // A bit for every cell that the triangle touches, row by row.
-uint touched_cells(AlignedTriangle t, Cells cells) {
-    vec2 half_size = 0.5 * cells.size;
+uint touched_cells(AlignedTriangle t, Cells cells, float half_share) {
+    vec2 half_size = half_share * cells.size;
     uint touched = 0u;
     uint bit = 1u;
     for (int j = 0; j < cells.count_y; j++) {
@@ -255,9 +255,10 @@ void append_large(AlignedTriangle t, int instance) {
 }
 #else
 void append_parts(AlignedTriangle t, int instance, int triangle, vec2 low, vec2 high) {
-    // u runs along the longest edge: square parts lie side by side
+    // u runs along the longest edge: square parts lie side by side. Halves of squares are twice as long as high, and rounding does not
+    // decide whether two parts do.
     vec2 extent = high - low;
-    int count = int(clamp(ceil(extent.x / max(extent.y, 1e-30)), 1.0, float(MAX_PARTS)));
+    int count = int(clamp(ceil(0.99 * extent.x / max(extent.y, 1e-30)), 1.0, float(MAX_PARTS)));
     vec2 size = vec2(extent.x / float(count), extent.y);
     for (int k = 0; k < count; k++) {
         append_part(instance, triangle, low + vec2(size.x * float(k), 0.0), size);
@@ -329,7 +330,11 @@ void main() {
         emit_triangle(t, cells);
         return;
 #else
-        uint touched = touched_cells(t, cells);
+#ifdef EYE_DENSITY
+        uint touched = touched_cells(t, cells, of_splats ? 0.5 : TOUCHED_HALF);
+#else
+        uint touched = touched_cells(t, cells, TOUCHED_HALF);
+#endif
 #ifdef LIST_LARGE
         if (bitCount(touched) <= points_of_small) {
             emit_points(t, cells, touched);
@@ -383,11 +388,11 @@ void main() {
     Cells cells = Cells(first_center, place.zw, int(abs(owner.z)), 1);
 #ifdef EYE_DENSITY
     if (owner.z < 0.0) {
-        emit_splats(t, cells, touched_cells(t, cells), int(owner.x), int(owner.y));
+        emit_splats(t, cells, touched_cells(t, cells, 0.5), int(owner.x), int(owner.y));
         return;
     }
 #endif
-    emit_points(t, cells, touched_cells(t, cells));
+    emit_points(t, cells, touched_cells(t, cells, TOUCHED_HALF));
 #endif
 }
 #endif

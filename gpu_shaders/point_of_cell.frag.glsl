@@ -18,7 +18,7 @@ void main() {
     t.n = normal_fs;
     vec2 cell = floor(gl_FragCoord.xy) - 1.0;
     vec2 center = first_cell.xy + first_cell.zw * cell;
-    if (any(lessThan(cell, vec2(0.0))) || any(greaterThanEqual(cell, cell_counts)) || !rectangle_overlaps(t, center, 0.5 * first_cell.zw)) {
+    if (any(lessThan(cell, vec2(0.0))) || any(greaterThanEqual(cell, cell_counts)) || !rectangle_overlaps(t, center, TOUCHED_HALF * first_cell.zw)) {
         return;
     }
     vec3 p_fs = point_at(t, nearest_in_triangle(t, center));

@@ -19,12 +19,14 @@ AlignedTriangle align_triangle(vec3 a, vec3 b, vec3 c) {
     float twice_area = length(scaled);
     t.area = 0.5 * twice_area;
     t.n = twice_area > 0.0 ? scaled / twice_area : vec3(0.0);
-    // along the longest edge the triangle's bounds are smallest, and so is the number of cells that it does not fill
+    // along the longest edge the triangle's bounds are smallest, and so is the number of cells that it does not fill; of two that are
+    // almost equally long the first, so that rounding does not choose between those of isosceles triangles
     vec3 ab = b - a, bc = c - b, ca = a - c;
     float squared_ab = dot(ab, ab), squared_bc = dot(bc, bc), squared_ca = dot(ca, ca);
     float squared = max(max(squared_ab, squared_bc), squared_ca);
-    vec3 longest = squared == squared_ab ? ab : (squared == squared_bc ? bc : ca);
-    t.u = squared > 0.0 ? longest * inversesqrt(squared) : vec3(1.0, 0.0, 0.0);
+    float almost = 0.99 * squared;
+    vec3 longest = squared_ab >= almost ? ab : (squared_bc >= almost ? bc : ca);
+    t.u = squared > 0.0 ? longest * inversesqrt(dot(longest, longest)) : vec3(1.0, 0.0, 0.0);
     t.v = cross(t.n, t.u);
     for (int k = 0; k < 3; k++) {
         vec3 d = t.corner_fs[k] - t.centroid_fs;

@@ -1,6 +1,10 @@
 // Cells of a lattice in a triangle's plane.
 #include "lib/aligned_triangle.glsl"
 
+// Half a cell's side, less what rounding decides: symmetric triangles touch cells with no more than a corner or an edge, and in another
+// place or unit they would not. A point stands for a thousandth more of its surroundings.
+const float TOUCHED_HALF = 0.4995;
+
 // Whether a rectangle touches the triangle: conservative rasterization of a lattice cell (Akenine-Moeller & Aila 2005).
 bool rectangle_overlaps(AlignedTriangle t, vec2 center, vec2 half_size) {
     for (int k = 0; k < 3; k++) {

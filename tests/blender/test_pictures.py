@@ -41,7 +41,7 @@ def still_life(scene, add):
     return scene
 
 
-@pytest.mark.parametrize("method", [Method.MVR, Method.IVIR])
+@pytest.mark.parametrize("method", [Method.MVR, Method.IVIR, Method.MICRO])
 def test_far_from_the_origin_is_the_same_picture(still_life, device, method):
     near = passes_of(still_life, device, method=method)
     for placed in still_life.objects:

@@ -43,8 +43,9 @@ def assert_same_pictures(first, second, method):
     assert list(first) == list(second)
     for name, image in first.items():
         difference = np.abs(image - second[name])
-        # where a size is rounded the other way a lattice of points starts another cell: one sample of one pixel in a thousand flips
-        assert np.quantile(difference, 1.0 if method is Method.MVR else 0.999) <= TOLERANCE, name
+        # a point that lies within rounding (a ten-thousandth of a texel) of a texel's border is drawn on either side of it: of the quarter
+        # of a million points here a few are at an outline in some view, and one sample of a pixel there sees it
+        assert np.count_nonzero(difference > TOLERANCE) <= (2 if method is Method.IVIR else 0), name
         assert difference.max() <= 1.2 / VIEWS, name
 
 
@@ -62,7 +63,7 @@ def test_another_origin_is_the_same_picture(device, method):
     arguments = {"method": method, "view_count": VIEWS, "map_resolution_px": 512}
     assert_same_pictures(
         render_passes(scene, device, **arguments),
-        render_passes(moved(scene, np.array([3.0, -5.0, 2.0])), device, **arguments),
+        render_passes(moved(scene, np.array([3.3, -5.1, 2.7])), device, **arguments),
         method,
     )
 

@@ -201,8 +201,11 @@ def test_aligned_triangles_keep_their_shape(answers):
 def test_triangles_lie_along_their_longest_edge_counter_clockwise(answers):
     corners_uv = answers["corners_uv"]
     edges = np.roll(corners_uv, -1, axis=1) - corners_uv
-    longest = edges[np.arange(len(edges)), np.linalg.norm(edges, axis=-1).argmax(axis=1)]
-    assert np.abs(longest[:, 1]).max() < 1e-5
+    squared = (edges**2).sum(axis=-1)
+    # the first of those that are almost the longest: rounding must not choose between two
+    chosen = (squared >= 0.99 * squared.max(axis=1, keepdims=True)).argmax(axis=1)
+    assert 0 < (chosen != squared.argmax(axis=1)).mean() < 0.1
+    assert np.abs(edges[np.arange(len(edges)), chosen, 1]).max() < 1e-5
     assert (edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]).min() > 0
 
 
