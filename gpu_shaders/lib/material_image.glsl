@@ -39,24 +39,16 @@ vec3 image_color(int base, vec2 place, int extension, int flags) {
     vec4 header = texelFetch(surface_images, linear_texel(base), 0);
     ivec2 size = ivec2(header.xy);
     int packing = int(header.z);
-    int first = base + 1;
-    vec2 at = place * header.xy;
-    vec4 value;
-    if ((flags & IMAGE_INTERPOLATED) != 0) {
-        vec2 low = floor(at - 0.5);
-        vec2 share = at - 0.5 - low;
-        ivec2 texel = ivec2(low);
-        vec4 bottom = mix(
-            image_texel(first, texel, size, packing, extension), image_texel(first, texel + ivec2(1, 0), size, packing, extension), share.x
-        );
-        vec4 top = mix(
-            image_texel(first, texel + ivec2(0, 1), size, packing, extension),
-            image_texel(first, texel + ivec2(1, 1), size, packing, extension),
-            share.x
-        );
-        value = mix(bottom, top, share.y);
-    } else {
-        value = image_texel(first, ivec2(floor(at)), size, packing, extension);
+    bool is_interpolated = (flags & IMAGE_INTERPOLATED) != 0;
+    vec2 at = place * header.xy - (is_interpolated ? 0.5 : 0.0);
+    vec2 low = floor(at);
+    vec2 share = is_interpolated ? at - low : vec2(0.0);
+    vec4 value = vec4(0.0);
+    // in turns: what stands in a kernel four times is compiled four times
+    for (int k = 0; k < (is_interpolated ? 4 : 1); k++) {
+        ivec2 corner = ivec2(k & 1, k >> 1);
+        vec2 weights = mix(1.0 - share, share, vec2(corner));
+        value += weights.x * weights.y * image_texel(base + 1, ivec2(low) + corner, size, packing, extension);
     }
     if ((flags & IMAGE_ALPHA) != 0) {
         return value.aaa;

@@ -7,7 +7,7 @@ from typing import Any
 
 from vir_addon.core.passes.points import SAMPLING_CONSTANTS, SAMPLING_TABLES
 from vir_addon.core.passes.scene_data import SCENE_DEFINES, SCENE_TEXTURES
-from vir_addon.core.passes.surface_data import REFLECTANCE_DEFINES, SURFACE_DEFINES, SURFACE_FLAGS, SURFACE_TEXTURES
+from vir_addon.core.passes.surface_data import REFLECTANCE_DEFINES, SURFACE_DEFINES, SURFACE_FLAGS, SURFACE_TEXTURES, WORLD_FLAGS
 from vir_addon.device.declaration import (
     ComputeDeclaration,
     Constant,
@@ -134,6 +134,6 @@ MATERIAL_FUNCTIONS = compute(
     },
     images={"answers": Stored("RGBA32F", "write", "six texels a query")},
     constants={"query_count": Constant("int", "-")},
-    flags=SURFACE_FLAGS,
+    flags={**SURFACE_FLAGS, **WORLD_FLAGS},
     defines={**SCENE_DEFINES, **SURFACE_DEFINES, **REFLECTANCE_DEFINES},
 )

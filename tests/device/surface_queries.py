@@ -75,7 +75,7 @@ def ask(
     given = device.upload_array(queries)
     answers = device.create_texture(LINEAR_TEXTURE_WIDTH, -(-6 * count // LINEAR_TEXTURE_WIDTH), TextureFormat.RGBA32F)
     try:
-        device.compute_kernel(MATERIAL_FUNCTIONS, *surfaces.flags).dispatch_linear(
+        device.compute_kernel(MATERIAL_FUNCTIONS, *surfaces.flags, *surfaces.world_flags).dispatch_linear(
             count, **data.bindings, **surfaces.bindings, queries=given, answers=answers, query_count=count
         )
         return Answers(device.read(answers).reshape(-1, 4)[: 6 * count].reshape(-1, 6, 4).astype(np.float64))

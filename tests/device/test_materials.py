@@ -347,6 +347,8 @@ def test_coats_reflect_most_over_rough_surfaces(device):
 
 
 COMPUTED = CornerValue(UV)
+NORMAL_MAP = NormalMap(COMPUTED, gray(1.0))
+EVERYTHING = ("PROGRAMS", "COATS", "NORMAL_MAPS")
 
 
 @pytest.mark.parametrize(
@@ -355,18 +357,28 @@ COMPUTED = CornerValue(UV)
         ({}, (), ()),
         ({"diffuse": COMPUTED, "roughness": COMPUTED}, ("PROGRAMS",), ()),
         ({"emission": COMPUTED}, ("PROGRAMS",), ("PROGRAMS",)),
-        ({"coat_weight": COMPUTED}, ("PROGRAMS",), ()),
-        ({"coat_weight": COMPUTED, "emission": WHITE}, ("PROGRAMS",), ("PROGRAMS",)),
+        ({"coat_weight": COMPUTED}, ("PROGRAMS", "COATS"), ()),
+        ({"coat_weight": COMPUTED, "emission": WHITE}, ("PROGRAMS", "COATS"), ("PROGRAMS", "COATS")),
         ({"coat_ior": COMPUTED, "emission": WHITE}, ("PROGRAMS",), ()),
-        ({"coat_ior": COMPUTED, "coat_weight": gray(0.5), "emission": WHITE}, ("PROGRAMS",), ("PROGRAMS",)),
-        ({"normal_map": NormalMap(COMPUTED, gray(1.0)), "emission": WHITE}, ("PROGRAMS",), ()),
-        ({"normal_map": NormalMap(COMPUTED, gray(1.0)), "coat_weight": gray(0.5)}, ("PROGRAMS",), ()),
-        ({"normal_map": NormalMap(COMPUTED, gray(1.0)), "coat_weight": gray(0.5), "emission": WHITE}, ("PROGRAMS",), ("PROGRAMS",)),
+        ({"coat_ior": COMPUTED, "coat_weight": gray(0.5), "emission": WHITE}, ("PROGRAMS", "COATS"), ("PROGRAMS", "COATS")),
+        ({"normal_map": NORMAL_MAP, "emission": WHITE}, ("PROGRAMS", "NORMAL_MAPS"), ()),
+        ({"normal_map": NormalMap(gray(0.5), gray(1.0))}, ("NORMAL_MAPS",), ()),
+        ({"normal_map": NORMAL_MAP, "coat_weight": gray(0.5)}, EVERYTHING, ()),
+        ({"normal_map": NORMAL_MAP, "coat_weight": gray(0.5), "emission": WHITE}, EVERYTHING, EVERYTHING),
     ],
 )
-def test_programs_are_compiled_where_something_asked_for_is_computed(device, inputs, flags, emission_flags):
+def test_kernels_hold_only_what_materials_need(device, inputs, flags, emission_flags):
     surfaces = SurfaceData(scene_of([square(), square()], [Material("plain"), Material("other", **inputs)]), device)
     assert (surfaces.flags, surfaces.emission_flags, surfaces.has_emission) == (flags, emission_flags, "emission" in inputs)
+    assert surfaces.world_flags == ()
+    surfaces.release()
+
+
+def test_only_skies_with_an_image_are_looked_up(device):
+    image = ImageTexels("sky", np.full((2, 4, 3), 0.25, np.float32))
+    world = World((2.0, 1.0, 0.5), image, np.eye(3))
+    surfaces = SurfaceData(scene_of([square()], [Material("plain")], world), device)
+    assert surfaces.world_flags == ("WORLD_IMAGE",)
     surfaces.release()
 
 

@@ -11,7 +11,7 @@ from .reflection_maps import MAP_LEVELS, MAP_TEXTURES
 from .resolve import DELIVERED_FLAGS, RESOLVE
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES
 from .shadow_maps import FACE_TABLE, MAX_BATCH_VIEWS
-from .surface_data import LUMINANCE_DEFINES, REFLECTANCE_DEFINES, SURFACE_DEFINES, SURFACE_FLAGS, SURFACE_TEXTURES
+from .surface_data import LUMINANCE_DEFINES, REFLECTANCE_DEFINES, SURFACE_DEFINES, SURFACE_FLAGS, SURFACE_TEXTURES, WORLD_FLAGS
 from .tiles import SIZE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, WALK_CONSTANTS
 
 MAX_STEPS = 1024
@@ -131,7 +131,7 @@ HIT_MATERIALS = ComputeDeclaration(
         "radiances": Stored("RGBA32F", "read_write", RADIANCES),
     },
     constants={**SIZE_CONSTANTS, **WALK_CONSTANTS, "bounce": BOUNCE},
-    flags=SURFACE_FLAGS,
+    flags={**SURFACE_FLAGS, **WORLD_FLAGS},
     defines={
         **SCENE_DEFINES,
         **TILE_DEFINES,
@@ -212,7 +212,7 @@ LIGHT_BY_SURROUNDINGS = ComputeDeclaration(
     textures=_AROUND_TEXTURES,
     images={"radiances": Stored("RGBA32F", "read_write", RADIANCES)},
     constants=_AROUND_CONSTANTS,
-    flags={**SURFACE_FLAGS, **BY_DIRECTION_FLAG, "EMISSION": "some surface shines"},
+    flags={**SURFACE_FLAGS, **WORLD_FLAGS, **BY_DIRECTION_FLAG, "EMISSION": "some surface shines"},
     defines=_AROUND_DEFINES,
 )
 

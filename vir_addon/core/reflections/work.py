@@ -242,7 +242,7 @@ class ReflectionWork:
         )
         yield
         self._walk(
-            self.device.compute_kernel(HIT_MATERIALS, *self.materials.flags),
+            self.device.compute_kernel(HIT_MATERIALS, *self.materials.flags, *self.materials.world_flags),
             **self.scene_data.bindings,
             **self.materials.bindings,
             **seen,
@@ -274,8 +274,8 @@ class ReflectionWork:
             "sample_y": light[1],
         }
         yield
-        emission = [*self.materials.emission_flags, *["EMISSION"] * self.materials.has_emission]
-        self._walk(self.device.compute_kernel(LIGHT_BY_SURROUNDINGS, *emission, *flags), **around)
+        shown = [*self.materials.world_flags, *self.materials.emission_flags, *["EMISSION"] * self.materials.has_emission]
+        self._walk(self.device.compute_kernel(LIGHT_BY_SURROUNDINGS, *shown, *flags), **around)
         if self.emitter_count:
             yield
             self._walk(
