@@ -111,8 +111,10 @@ def test_passes_agree(device, name):
 
 @pytest.mark.parametrize(("bump_share", "target", "half_width"), [(0.0, (0.0, 0.0, 1.0), 0.45), (0.03, (-0.3, 0.0, 0.7), 0.3)])
 def test_round_surfaces_that_the_light_grazes_agree(device, bump_share, target, half_width):
-    """Points enlarge outlines, and the outline that hides the end of a round surface's light is its own, or that of the next bump. 0.0166 and
-    0.0128 where it is not told on which side of the receiver the outline passes."""
+    """Points enlarge outlines, and the outline that hides the end of a round surface's light is its own, or that of the next bump.
+
+    0.0166 and 0.0128 where it is not told on which side of the receiver the outline passes.
+    """
     ball = bumpy_sphere("ball", (0.0, 0.0, 1.0), 1.0, 200, bump_share=bump_share)
     light = area_light(eye=(4.0, -1.0, 2.5), target=(0.0, 0.0, 1.0))
     scene = snapshot([ball, floor()], [light], perspective_camera((0.5, -4.5, 1.5), target, 160, 90, half_width), 160, 90)
