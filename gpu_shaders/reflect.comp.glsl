@@ -24,10 +24,11 @@ void main() {
         vec4 maps = texelFetch(instance_maps, linear_texel(instance_index), 0);
 #ifdef FROM_EYE
         map_number = int(maps.x);
-        others = maps.z + 1.0 + float(MAP_NUMBERS) * (maps.w + 1.0);
+        others = maps.z + 1.0;
 #else
         map_number = int(maps.y);
 #endif
+        others += float(MAP_NUMBERS) * (maps.w + 1.0);
     }
     if (map_number >= 0) {
         vec4 normal = texelFetch(normals, pixel, 0);

@@ -9,6 +9,7 @@
 const float FAR_ALONG = 1.0e30;
 const float STEP_PAST = 1.0e-3;       // of the way through a cell, to be in the next one
 const float ROUNDING = 1.0e-6;        // of the distance to the map's centre
+const float OWN_SHARE = 10.0;         // of what is rounding to other surfaces, in maps of what the ray begins in
 const float INSIDE_TOLERANCE = 1.0e-4;  // of barycentric weights: neighbours leave nothing between them
 
 struct Meeting {
@@ -183,4 +184,42 @@ Found follow(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m
     }
     return found;
 #endif
+}
+
+// What a ray meets that begins at a reflector, or at what this shows: by its first map, by that beside it where the ray leaves the first or
+// comes to what is hidden there, and by that of the reflector itself; -1: none. What these do not know maps of other reflectors may: where
+// the ray is hidden, or the reflector is not convex, with parts of itself that the eye does not see. What is met there exactly is there, and
+// the nearest of it counts. Two such cubes, neither of which sees all that stands there, that both see nothing in a direction, show that
+// there is nothing.
+Found follow_through(ivec3 numbers, vec3 origin_ws, vec3 direction_ws, float first_m, bool counts_by_direction) {
+    Found found = Found(Meeting(FAR_ALONG, vec2(0.0), false), vec4(-1.0), REFLECTED_NOTHING);
+    int seen_past = 0;
+    ivec4 further = further_maps(numbers.x);
+    // in turns: what stands in a kernel twice is compiled twice
+#ifdef BY_DIRECTION
+    const int turn_count = 2;
+#else
+    const int turn_count = 3 + FURTHER_MAPS;
+#endif
+    for (int turn = 0; turn < turn_count; turn++) {
+        bool is_further = turn > 2;
+        bool is_first = turn < 2;  // of the reflector, and without it
+        int number = is_further ? further[turn - 3] : numbers[turn];
+        bool has_left = found.how == REFLECTED_OUT_OF_VIEW;
+        bool is_hidden = found.how == REFLECTED_BY_DIRECTION;
+        bool is_asked = is_further ? is_hidden || numbers.z >= 0 : turn != 1 || has_left || is_hidden;
+        if (number < 0 || !is_asked) {
+            continue;
+        }
+        // other maps tell what is there, and whether nothing is
+        bool may_guess = is_first ? counts_by_direction : is_further && is_hidden;
+        Found one = follow(load_map(number), origin_ws, direction_ws, (is_first ? 1.0 : OWN_SHARE) * first_m, may_guess);
+        seen_past += int(is_further && is_hidden && one.how == REFLECTED_NOTHING);
+        bool is_before = found.how != REFLECTED_SURFACE || one.meeting.along < found.meeting.along;
+        bool is_sure = one.how == REFLECTED_SURFACE && (is_first || one.meeting.inside);
+        if (turn == 0 || (turn == 1 && has_left) || (is_sure && is_before) || (is_hidden && seen_past > 1)) {
+            found = one;
+        }
+    }
+    return found;
 }

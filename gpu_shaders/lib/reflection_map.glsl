@@ -24,7 +24,7 @@ struct ReflectionMap {
 ReflectionMap load_map(int number) {
     vec4 rows[6];
     for (int k = 0; k < 6; k++) {
-        rows[k] = texelFetch(map_headers, linear_texel(6 * number + k), 0);
+        rows[k] = texelFetch(map_headers, linear_texel(HEADER_TEXELS * number + k), 0);
     }
     ReflectionMap map;
     map.center_ws = rows[0].xyz;
@@ -39,6 +39,11 @@ ReflectionMap load_map(int number) {
     map.near_m = rows[5].z;
     map.reach_m = rows[5].w;
     return map;
+}
+
+// Maps of other reflectors that may know what this one does not; -1: none.
+ivec4 further_maps(int number) {
+    return ivec4(texelFetch(map_headers, linear_texel(HEADER_TEXELS * number + 6), 0));
 }
 
 vec3 map_direction(ReflectionMap map, vec3 d_ws) {

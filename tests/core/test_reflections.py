@@ -370,6 +370,74 @@ def test_a_reflector_that_is_not_convex_shows_itself(device):
         np.testing.assert_allclose(image[shown], np.where(inner > 0, 0.4, 0.5)[shown], atol=1e-3)
 
 
+def traced(scene, origins, directions, mirrors, bounces):
+    """(n,) instance that rays end at after reflections in flat mirrors, -1 for none, and (n,) the mirrors on their way as numbers in base
+    100; in float64. Those that meet one mirror too many end there."""
+    triangles = world_triangles(scene)
+    normals = np.cross(triangles.corners[:, 1] - triangles.corners[:, 0], triangles.corners[:, 2] - triangles.corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    origins, directions = np.array(origins, np.float64), np.array(directions, np.float64)
+    ends, ways = np.full(len(origins), -1), np.zeros(len(origins), np.int64)
+    left = np.arange(len(origins))
+    for bounce in range(bounces + 1):
+        along, _ = intersect(origins[left], directions[left], triangles.corners)
+        along[along <= 1e-6] = np.inf
+        met, length = along.argmin(axis=1), along.min(axis=1)
+        ends[left] = np.where(np.isfinite(length), triangles.instance[met], -1)
+        goes_on = np.isin(ends[left], mirrors) & (bounce < bounces)
+        left, normal, length = left[goes_on], normals[met[goes_on]], length[goes_on]
+        ways[left] = 100 * ways[left] + ends[left] + 1
+        origins[left] += length[:, None] * directions[left]
+        directions[left] -= 2 * (directions[left] * normal).sum(axis=1, keepdims=True) * normal
+    return ends, ways
+
+
+@pytest.mark.parametrize("is_open", [False, True])
+def test_maps_of_other_reflectors_know_what_is_hidden_from_ones_own(device, is_open):
+    """A flat mirror with a block on it, looked up in a cube alone, which sees little of what is behind the block, if that is walls, or the
+    world above them; two small mirrors are elsewhere."""
+    walls, materials = colored_box(3.0)
+    if is_open:
+        walls, materials = walls[:5], materials[:5]
+    others = [rectangle(f"small {k}", (x, 1.6, 0.5), (0.4, 0, 0), (0, 0, 0.4)) for k, x in enumerate((-1.8, 1.4))]
+    meshes = [*walls, box("block", (0.0, 0.35, 0.301), (0.3, 0.3, 0.3)), rectangle("plate", (-1, -1, 0), (2, 0, 0), (0, 2, 0)), *others]
+    look = [*materials, matte((0, 0, 0), (0.4, 0.5, 0.6)), *[mirror()] * 3]
+    camera = perspective_camera((0.4, -2.6, 1.6), (0.0, 0.0, 0.1), WIDTH, HEIGHT, 0.5)
+    world_rgb = (0.3, 0.2, 0.1)
+    scene = snapshot(meshes, [], camera, WIDTH, HEIGHT, materials=look, world=World(world_rgb))
+    settings = {"reflection_sample_count": 2, "effects": (Effect.REFLECTION,), "bounces": 1, "planar": False}
+    image = render_passes(scene, device, **settings)[REFLECTION_PASS_NAME]
+
+    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
+    plate = len(walls) + 1
+    ends, ways = traced(scene, np.broadcast_to(eye, (WIDTH * HEIGHT, 3)), directions.reshape(-1, 3), [plate, plate + 1, plate + 2], 1)
+    judged = (ways == plate + 1) & (ends < plate)
+    colors = np.array([*COLORS[: len(walls)], (0.4, 0.5, 0.6), *[(0, 0, 0)] * 3, world_rgb])
+    wrong = np.abs(image.reshape(-1, 3)[judged] - colors[ends[judged]]).max(axis=-1) > 0.01
+    assert judged.sum() > 2500
+    assert {-1, plate - 1} <= set(ends[judged].tolist()) or not is_open
+    assert wrong.mean() < 0.02, f"{wrong.sum()} of {judged.sum()}"
+
+
+def test_a_reflector_shows_itself_within_another(device):
+    """Floor and wall of one mirror in a flat one beside them."""
+    walls, materials = colored_box(6.0)
+    positions = np.array([(-1, 0, 0), (1, 0, 0), (1, 2, 0), (-1, 2, 0), (1, 2, 2), (-1, 2, 2)], np.float32)
+    corner = Mesh("corner", positions, np.array([(0, 1, 2), (0, 2, 3), (3, 2, 4), (3, 4, 5)], np.int32))
+    meshes = [*walls, corner, rectangle("flat", (1.5, -1.0, -0.5), (0, 4, 0), (0, 0, 3))]
+    camera = perspective_camera((-1.6, -3.0, 2.5), (0.9, 1.0, 0.9), WIDTH, HEIGHT, 0.6)
+    scene = snapshot(meshes, [], camera, WIDTH, HEIGHT, materials=[*materials, *[mirror()] * 2], world=World())
+    image = render_passes(scene, device, reflection_sample_count=2, effects=(Effect.REFLECTION,), bounces=3)[REFLECTION_PASS_NAME]
+
+    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
+    ends, ways = traced(scene, np.broadcast_to(eye, (WIDTH * HEIGHT, 3)), directions.reshape(-1, 3), [6, 7], 3)
+    # in the flat one, in the corner and in the corner again
+    judged = (ways == 80707) & (ends >= 0) & (ends < 6)
+    wrong = np.abs(image.reshape(-1, 3)[judged] - COLORS[ends[judged]]).max(axis=-1) > 0.01
+    assert judged.sum() > 200
+    assert wrong.mean() < 0.1, f"{wrong.sum()} of {judged.sum()}"
+
+
 def reflectors_of(scene, **settings):
     return planned(scene, Settings(effects=(Effect.REFLECTION,), **settings)).reflections
 

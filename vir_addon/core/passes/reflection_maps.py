@@ -2,8 +2,8 @@
 sees and between which depths, coarser levels between which depths all texels below them.
 
 All maps of a frame are one list of texels:
-    map_headers     six texels a map: centre and whether it is a cube; three axes, with width, height and 0; corner and size of a texel in
-                    tangents; where its texels begin (halves), nearest and farthest depth
+    map_headers     seven texels a map: centre and whether it is a cube; three axes, with width, height and 0; corner and size of a texel
+                    in tangents; where its texels begin (halves), nearest and farthest depth; FURTHER_MAPS numbers of others, -1: none
     map_texels      of every map, from the finest level on: range of depths, instance number and triangle number, -1 where nothing is
 """
 
@@ -28,7 +28,8 @@ from .small_triangles import COPY_TEXELS
 MAP_LEVELS = 6
 """so many that a texel of the coarsest is MAP_SIZE_STEP_PX wide"""
 MAP_SIZE_STEP_PX = 1 << (MAP_LEVELS - 1)
-HEADER_TEXELS = 6
+HEADER_TEXELS, FURTHER_MAPS = 7, 4
+HEADER_DEFINE = {"HEADER_TEXELS": HEADER_TEXELS}
 BYTES_PER_TEXEL = 16
 NOTHING_NEARER = 1e30
 """the smallest depth where nothing is"""
@@ -52,7 +53,7 @@ REFLECTION_TEXELS = ComputeDeclaration(
     },
     images={"map_texels": Stored("RGBA32F", "write", MAP_TEXTURES["map_texels"].text)},
     constants={"map_number": MAP_NUMBER},
-    defines={**SCENE_DEFINES, "NOTHING_NEARER": NOTHING_NEARER},
+    defines={**SCENE_DEFINES, **HEADER_DEFINE, "NOTHING_NEARER": NOTHING_NEARER},
 )
 
 NEAREST_DEPTHS_TEXT = "bits of the smallest depth"
@@ -84,7 +85,7 @@ REFLECTION_LEVELS = ComputeDeclaration(
     textures={"map_headers": MAP_TEXTURES["map_headers"]},
     images={"map_texels": Stored("RGBA32F", "read_write", MAP_TEXTURES["map_texels"].text)},
     constants={"map_number": MAP_NUMBER, "level": Constant("int", "which level is made, from 1")},
-    defines={"NOTHING_NEARER": NOTHING_NEARER},
+    defines={**HEADER_DEFINE, "NOTHING_NEARER": NOTHING_NEARER},
 )
 
 
@@ -145,8 +146,8 @@ class ReflectionMap:
             clip_from_face = _clipped(clip_from_face, self.clipped_by @ np.linalg.inv(face_from_world))
         return clip_from_face @ face_from_world
 
-    def header(self, base: int) -> np.ndarray:
-        """(HEADER_TEXELS, 4)"""
+    def header(self, base: int, further: np.ndarray) -> np.ndarray:
+        """(HEADER_TEXELS, 4). further: (FURTHER_MAPS,) numbers of maps"""
         left, right, bottom, top = self.window
         rows = np.zeros((HEADER_TEXELS, 4))
         rows[0] = *self.center_ws, self.is_cube
@@ -154,6 +155,7 @@ class ReflectionMap:
         rows[1:4, 3] = self.width_px, self.height_px, 0
         rows[4] = left, bottom, (right - left) / self.width_px, (top - bottom) / self.height_px
         rows[5] = *split_integers(np.array(base)), self.near_m, self.reach_m
+        rows[6] = further
         return rows
 
 
@@ -180,14 +182,20 @@ class ReflectionMaps:
     """Maps of a frame, drawn once: by the hardware rasterizer, but for those that something else splats."""
 
     def __init__(
-        self, scene_data: SceneData, bounds: SceneBounds, maps: Sequence[ReflectionMap], drawn_before: ReflectionMaps | None = None
+        self,
+        scene_data: SceneData,
+        bounds: SceneBounds,
+        maps: Sequence[ReflectionMap],
+        further: np.ndarray,
+        drawn_before: ReflectionMaps | None = None,
     ) -> None:
-        """drawn_before: the first of these maps, which need not be drawn again"""
+        """further: (map_count, FURTHER_MAPS) numbers of others that rays ask besides each, -1: none; drawn_before: the first of these maps,
+        which need not be drawn again"""
         self.scene_data, self.device, self.maps = scene_data, scene_data.device, maps
         self.corners_ws = bounds.corners_ws
         self._drawn_count = 0
         bases = np.concatenate([[0], np.cumsum([each.texel_count for each in maps])]).astype(np.int64)
-        headers = np.concatenate([each.header(int(base)) for each, base in zip(maps, bases, strict=False)])
+        headers = np.concatenate([each.header(int(base), row) for each, base, row in zip(maps, bases, further, strict=False)])
         rows = max(1, -(-int(bases[-1]) // LINEAR_TEXTURE_WIDTH))
         with Owned() as owned:
             self.headers = owned.own(self.device.upload_array(headers))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored, Table
 from .emitters import EMITTER_CONSTANTS, EMITTER_TEXTURES
-from .reflection_maps import MAP_LEVELS, MAP_TEXTURES
+from .reflection_maps import FURTHER_MAPS, HEADER_DEFINE, MAP_LEVELS, MAP_TEXTURES
 from .resolve import DELIVERED_FLAGS, RESOLVE
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES
 from .shadow_maps import FACE_TABLE, MAX_BATCH_VIEWS
@@ -28,6 +28,8 @@ MARCH_DEFINES = {
     "REFLECTED_OUT_OF_VIEW": REFLECTED_OUT_OF_VIEW,
     "MAP_LEVELS": MAP_LEVELS,
     "MAX_STEPS": MAX_STEPS,
+    **HEADER_DEFINE,
+    "FURTHER_MAPS": FURTHER_MAPS,
     **MAP_NUMBERS_DEFINE,
 }
 BY_DIRECTION_FLAG = {"BY_DIRECTION": "look maps up by direction alone"}

@@ -11,7 +11,7 @@ from ...device.interface import LINEAR_TEXTURE_WIDTH, Device
 from ..bounds import SceneBounds
 from ..material import Material
 from ..material_program import typical_value
-from ..passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX, ReflectionMap
+from ..passes.reflection_maps import BYTES_PER_TEXEL, FURTHER_MAPS, MAP_SIZE_STEP_PX, ReflectionMap
 from ..scene import SceneSnapshot
 from ..settings import Settings
 from .map_methods import with_methods
@@ -83,6 +83,11 @@ class Reflector:
     """what the eye sees of it, for what of itself it shows; of reflectors that are not convex"""
     covered_px: tuple[int, int] = (0, 0)
     """of its bounds in the picture"""
+
+    @property
+    def cube(self) -> ReflectionMap | None:
+        """what surrounds it, without it"""
+        return next((each for each in (self.aside, self.seen, self.met) if each is not None), None)
 
     @property
     def maps(self) -> list[ReflectionMap]:
@@ -388,6 +393,21 @@ class PlannedReflections:
             else:
                 told += alike
         return told
+
+    def further_maps(self) -> np.ndarray:
+        """(map_count, FURTHER_MAPS) numbers of the cubes of other reflectors that are nearest, -1: none: each is asked for what maps of
+        its reflector do not know"""
+        numbers = {id(each): number for number, each in enumerate(self.maps)}
+        found = np.full((len(self.maps), FURTHER_MAPS), -1, np.int64)
+        cubes = [each.cube for each in self.reflectors]
+        own = [(each, cube) for each, cube in zip(self.reflectors, cubes, strict=True) if cube is not None]
+        centers_ws = np.array([cube.center_ws for _, cube in own])
+        for k, (reflector, cube) in enumerate(own):
+            nearest = np.argsort(((centers_ws - cube.center_ws) ** 2).sum(axis=1), kind="stable")
+            others = [numbers[id(own[other][1])] for other in nearest if other != k][:FURTHER_MAPS]
+            for each in reflector.maps:
+                found[numbers[id(each)], : len(others)] = others
+        return found
 
     def instance_maps(self, instance_count: int) -> np.ndarray:
         """(instance_count, 4) float32: numbers of the maps `seen`, `met`, `aside` and `itself`, -1: none"""

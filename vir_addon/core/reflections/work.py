@@ -148,7 +148,7 @@ class ReflectionWork:
     def _use(self, planned: PlannedReflections, drawn_before: ReflectionMaps | None = None) -> None:
         """drawn_before: the first of the maps"""
         with Owned() as owned:
-            maps = owned.own(ReflectionMaps(self.scene_data, self.plan.bounds, planned.maps, drawn_before))
+            maps = owned.own(ReflectionMaps(self.scene_data, self.plan.bounds, planned.maps, planned.further_maps(), drawn_before))
             instance_maps = owned.own(self.device.upload_array(planned.instance_maps(len(self.scene_data.snapshot.instances))))
             self._forget_maps()
             self._drawn = owned.pop_all()
