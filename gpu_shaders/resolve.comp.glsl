@@ -31,10 +31,20 @@ bool is_of_point(float depth) {
 #endif
 }
 
+// How far before a receiver at depth z its own surface may be, where it is seen edge-on. Coarse maps' footprints are as long as rooms.
+float own_reach(float footprints, float z, float footprint) {
+    float reach = footprints * footprint;
+#ifdef ORTHOGRAPHIC
+    return reach;
+#else
+    return min(reach, MAX_NEARER_SHARE * z);
+#endif
+}
+
 // Whether a stored point lies in the tangent plane of a receiver at depth z or below it.
 bool is_below(float depth, float height, float z, float footprint) {
     bool of_point = is_of_point(depth);
-    float reach = MAX_NEARER_FOOTPRINTS * footprint;
+    float reach = own_reach(MAX_NEARER_FOOTPRINTS, z, footprint);
     float bias_footprints = of_point ? POINT_BIAS_FOOTPRINTS : RASTER_BIAS_FOOTPRINTS;
     float tolerance = bias_footprints * footprint + BIAS_ANGLE * min(abs(depth - z), reach);
     // What is nearer by more and above the plane is something else, or the receiver's surface that has risen into the light's way: folds
@@ -48,10 +58,10 @@ bool is_below(float depth, float height, float z, float footprint) {
     return height <= (is_far ? COPLANAR_FOOTPRINTS * footprint : tolerance) + depth_rounding(z);
 }
 
-// Whether what a texel stores leaves a receiver at depth z in sight. height: of the stored point above the receiver's tangent plane.
-bool leaves_in_sight(float depth, float height, float z, float footprint) {
-    bool is_near = depth >= z - MAX_NEARER_FOOTPRINTS * footprint || abs(height) <= COPLANAR_FOOTPRINTS * footprint + depth_rounding(z);
-    return (is_near && is_below(depth, height, z, footprint)) || depth >= z + MAX_DEEPER_FOOTPRINTS * footprint;
+// Whether what a texel stores leaves a receiver at depth z in sight. height: of the stored point above the receiver's tangent plane; reach:
+// how much nearer what is below that plane may be. It may be a wall that crosses the plane beside the texel's centre.
+bool leaves_in_sight(float depth, float height, float z, float footprint, float reach) {
+    return (depth >= z - reach && is_below(depth, height, z, footprint)) || depth >= z + MAX_DEEPER_FOOTPRINTS * footprint;
 }
 
 const int SEEN = 0;
@@ -178,7 +188,7 @@ int sight(int k, vec3 p, vec3 normal_fs, float depth) {
         return SEEN;
     }
     LookUp own = look_up(k, p, normal_fs, at, depth);
-    if (leaves_in_sight(own.depth, own.height, p.z, own.footprint)) {
+    if (leaves_in_sight(own.depth, own.height, p.z, own.footprint, own_reach(CERTAIN_FOOTPRINTS, p.z, own.footprint))) {
         bool is_beyond = HAS_CENTRES_BEYOND && own.depth >= p.z + MAX_DEEPER_FOOTPRINTS * own.footprint;
         return is_beyond && dot(own.offset, own.facing_step) < 0.0 && is_grazed(own) ? UNDECIDED : SEEN;
     }
@@ -213,6 +223,8 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
     bool is_far = own.depth <= p.z - contact;
     bool is_above_centre = dot(own.offset, own.facing_step) > 0.0;
     bool at_outline = false;
+    bool is_own_or_crosses = is_below(own.depth, own.height, p.z, own.footprint);
+    float certain = own_reach(CERTAIN_FOOTPRINTS, p.z, own.footprint);
     float highest = own.height;  // of the texels around the place
 #ifdef POINT_MAPS
     // A texel is covered if a point lies anywhere in it, which enlarges outlines by half a texel all around, less what the points lie
@@ -223,18 +235,25 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
                        stored_depth(own.address + beyond));
     vec3 heights = vec3(height_of(own, depths.x, beyond_step.x), height_of(own, depths.y, beyond_step.y),
                         height_of(own, depths.z, beyond_step.x + beyond_step.y));
-    at_outline = of_point && (leaves_in_sight(depths.x, heights.x, p.z, own.footprint) ||
-                              leaves_in_sight(depths.y, heights.y, p.z, own.footprint) ||
-                              leaves_in_sight(depths.z, heights.z, p.z, own.footprint));
+    // what crosses the plane in one texel does so in the next ones
+    float reach = is_own_or_crosses ? certain : own_reach(MAX_NEARER_FOOTPRINTS, p.z, own.footprint);
+    at_outline = of_point && (leaves_in_sight(depths.x, heights.x, p.z, own.footprint, reach) ||
+                              leaves_in_sight(depths.y, heights.y, p.z, own.footprint, reach) ||
+                              leaves_in_sight(depths.z, heights.z, p.z, own.footprint, reach));
     vec3 nearer = mix(vec3(own.height), heights, lessThan(depths, vec3(p.z)));
     highest = max(highest, max(nearer.x, max(nearer.y, nearer.z)));
 #endif
-    if (is_below(own.depth, own.height, p.z, own.footprint)) {
-        // Nearer by much and yet not above the plane: that is how a surface curves away from a receiver that the light grazes, as well as any
+    if (is_own_or_crosses) {
+        // Nearer by much and yet not above the plane: that is how a surface goes on before a receiver that the light grazes, as well as any
         // place of what stands before it. Only the latter reaches to the plane's upper side.
         ivec2 up = ivec2(round(slope_of(own)));
         float depth_up = stored_depth(own.address + up);
-        bool ends = at_outline || leaves_in_sight(depth_up, height_of(own, depth_up, dot(own.facing_step, vec2(up))), p.z, own.footprint);
+        float height_up = height_of(own, depth_up, dot(own.facing_step, vec2(up)));
+        bool ends = at_outline || leaves_in_sight(depth_up, height_up, p.z, own.footprint, certain);
+        if (own.depth >= p.z - own_reach(MAX_NEARER_FOOTPRINTS, p.z, own.footprint)) {
+            // so near the receiver's surface has folds; a wall goes on where it was
+            return ends || abs(depth_up - own.depth) > certain;
+        }
         // above the plane are points' planes, too, that were carried past facets' edges, but not by so much
         ends = ends && !(of_point && highest > POINT_MAX_RISE_FOOTPRINTS * own.footprint);
         bool tells = !of_point || !is_above_centre || (is_far && highest > POINT_MIN_RISE_FOOTPRINTS * own.footprint);

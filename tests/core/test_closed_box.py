@@ -3,7 +3,19 @@
 import numpy as np
 import pytest
 
-from tests.scenes import METHODS, area_light, box, floor, perspective_camera, rectangle, render_pass, snapshot
+from tests.scenes import (
+    METHODS,
+    METHODS_AND_HYBRID,
+    area_light,
+    box,
+    bumpy_sphere,
+    floor,
+    perspective_camera,
+    point_light,
+    rectangle,
+    render_pass,
+    snapshot,
+)
 from vir_addon.core.settings import PointStorage
 
 WIDTH, HEIGHT = 96, 54
@@ -39,3 +51,38 @@ def test_outside_is_black_for_a_slanted_light_and_points_as_they_come(device, in
     scene = boxed_light(inside_out, light_turned=True)
     image = render_pass(scene, device, method=METHODS[1], view_count=16, map_resolution_px=128, points=PointStorage.BUFFERLESS)
     assert set(np.unique(image)) == {0.0, 1.0}
+
+
+def balls_around_a_boxed_light(light):
+    """Of each something is grazed by every point of the light, and the box's walls cross the tangent planes there."""
+    meshes = [
+        floor(6.0),
+        box("around", (0.05, 0.02, 1.9), (0.6, 0.5, 0.4), turn_rad=0.2),
+        bumpy_sphere("smooth", (1.6, 0.3, 1.2), 0.8, 64, bump_share=0.0),
+        bumpy_sphere("bumpy", (-1.5, 0.5, 1.6), 0.7, 48),
+        bumpy_sphere("facets", (0.3, 1.7, 2.3), 0.6, 6, bump_share=0.0, smooth=False),
+        bumpy_sphere("before", (-0.4, -1.5, 0.9), 0.5, 24, bump_share=0.2, smooth=False),
+    ]
+    camera = perspective_camera((0.0, -8.0, 4.0), (0.0, 0.0, 1.5), WIDTH, HEIGHT)
+    return snapshot(meshes, [light], camera, WIDTH, HEIGHT)
+
+
+BOXED_LIGHTS = {
+    "down": area_light(eye=(0.0, 0.0, 2.0), target=(0.0, 0.0, 0.0), size_m=(0.5, 0.3)),
+    "aside": area_light(eye=(0.0, 0.0, 2.0), target=(2.0, 0.3, 1.9), size_m=(0.5, 0.3)),
+    "point": point_light(eye=(0.0, 0.0, 2.0), radius_m=0.2),
+}
+
+
+@pytest.mark.parametrize("method", METHODS_AND_HYBRID)
+@pytest.mark.parametrize("light", BOXED_LIGHTS)
+def test_nothing_leaks_where_the_light_would_graze(device, method, light):
+    scene = balls_around_a_boxed_light(BOXED_LIGHTS[light])
+    background = None
+    for resolution_px in (16, 33, 64, 100, 333):
+        image = render_pass(scene, device, method=method, view_count=8, map_resolution_px=resolution_px)
+        leaks = (image > 0) & (image < 1)
+        assert not leaks.any(), f"{leaks.sum()} pixels, {image[leaks].max():.3f} at most, in maps of {resolution_px} texels"
+        background = background if background is not None else image == 1
+        np.testing.assert_array_equal(image == 1, background)
+    assert 0.3 < background.mean() < 0.5

@@ -36,8 +36,13 @@ TOLERANCES: dict[str, int | float] = {
     # What is stored deeper than the receiver by more does not hide it: within a texel the receiver's own plane runs no deeper, up to 70
     # degrees from facing the light, and what lies beyond a silhouette is another surface.
     "MAX_DEEPER_FOOTPRINTS": 2.0,
-    # What stands nearer than the receiver by more may be something else, although the plane of one seen edge-on passes before it.
+    # What stands nearer than the receiver by more, and not above its plane, is its own surface only if that ends before it rises above the
+    # plane: a wall that crosses the plane within the texel goes on to its upper side.
+    "CERTAIN_FOOTPRINTS": 2.0,
+    # What stands nearer than the receiver by more may be something else, although the plane of one seen edge-on passes before it; ...
     "MAX_NEARER_FOOTPRINTS": 8.0,
+    # ... so may what is nearer by this share of its distance, where maps are so coarse that it is less.
+    "MAX_NEARER_SHARE": 1 / 8,
     # What stands before the receiver by less may touch it within a texel: so steep are walls that are told from outlines.
     "CONTACT_FOOTPRINTS": 16.0,
     # Rasterizers round corners to 256ths of a texel, which moves a plane by at most sqrt(2) of these.
