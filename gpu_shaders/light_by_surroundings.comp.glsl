@@ -44,7 +44,7 @@ void main() {
         ivec2 number = ivec2(found.texel.zw);
         vec4 of_instance = emitter_row(number.x);
         // what shines is where it is known to be, not where the map shows it from its centre
-        if (found.how != REFLECTED_BY_DIRECTION || of_instance.x <= 0.0) {
+        if (found.how != REFLECTED_BY_DIRECTION) {
             InstanceData instance = load_instance(number.x);
             TriangleData triangle = load_triangle(instance, number.y);
             vec3 weights = weights_within(found.meeting);

@@ -357,6 +357,23 @@ def test_what_does_not_fit_keeps_no_other_out(monkeypatch):
     assert pack_emitters(scene).rows[:, 0].tolist() == [0, 0, np.float32(1 / 80), 2, 2]
 
 
+@pytest.mark.parametrize("is_solid", [False, True])
+def test_what_is_met_by_chance_alone_shines_as_brightly(device, monkeypatch, is_solid):
+    """As where places are drawn on it, which is a twentieth more: rays beside a panel do not meet it where the mirror would show it. The
+    limit is that and three standard errors."""
+    panel = box("panel", (-0.5, 0.3, 1.4), (0.6, 0.6, 0.3)) if is_solid else rectangle("panel", (-1.5, -0.7, 1.5), (0, 2, 0), (1.5, 0, 0))
+    wall = rectangle("wall", (-2, 2, -0.5), (4, 0, 0), (0, 0, 4))
+    camera = perspective_camera((0.0, -3.0, 1.6), (0.0, 2.0, 0.9), WIDTH, HEIGHT, 0.25)
+    materials = [matte((0.5, 0.5, 0.5)), matte((0, 0, 0), (5, 5, 5)), mirror()]
+    scene = snapshot([floor(6.0), panel, wall], [], camera, WIDTH, HEIGHT, materials=materials, world=World())
+    means = []
+    for most in (0, emitters.MAX_EMITTING_TRIANGLES):
+        monkeypatch.setattr(emitters, "MAX_EMITTING_TRIANGLES", most)
+        settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "reflection_sample_count": 128}
+        means.append(render_passes(scene, device, **settings)[REFLECTION_PASS_NAME][1:6, 4:-4, 0].mean())
+    assert means[0] == pytest.approx(means[1], rel=0.08)
+
+
 def test_what_opacity_cuts_out_does_not_shine(device, monkeypatch):
     """Over a floor that a mirror shows: a panel half of which is there, as bright as that half alone where rays meet it by chance, too."""
     half = rectangle("panel", (-1.5, -0.7, 1.5), (0, 2, 0), (1.5, 0, 0))
