@@ -96,7 +96,7 @@ def test_what_stopped_within_a_batch_is_made_again(device, from_nothing):
         device.run(previous.render_batch, 0)
         steps = previous.rendering(1)
         # the first light's maps are filled, and nobody has looked them up
-        for _ in range(2):
+        for _ in range(3):
             device.run(next, steps)
         steps.close()
         renderer = Renderer(BEFORE, plan(BEFORE, SETTINGS), device, previous=previous)
@@ -130,3 +130,21 @@ def test_a_render_that_shares_runs_out_of_memory(device, monkeypatch):
             break
         room_for += 1
     assert room_for > 10
+
+
+def test_what_stopped_between_rasterizing_and_surfaces_is_made_again(device, from_nothing):
+    with contextlib.closing(Renderer(BEFORE, plan(BEFORE, SETTINGS), device)) as previous:
+        steps = previous.preparing()
+        told = []
+        previous.stopwatch._on_stage = lambda name, _: told.append(name)
+        answer = None
+        while "eye G-buffer" not in told:
+            host_work = device.run(steps.send, answer)
+            answer = host_work() if host_work is not None else None
+        steps.close()
+        renderer = Renderer(BEFORE, plan(BEFORE, SETTINGS), device, previous=previous)
+    with contextlib.closing(renderer):
+        device.run(renderer.prepare)
+        render_batches(renderer)
+        for name, image in renderer.read_passes().items():
+            np.testing.assert_array_equal(image, from_nothing["nothing"][name], err_msg=name)

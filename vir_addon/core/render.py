@@ -217,7 +217,7 @@ class Renderer:
         batch_count = min(-(-LEAST_SEEN_SAMPLES // self.plan.eye_samples_per_batch), self.plan.batch_count)
         positions: list[np.ndarray] = []
         for batch in reversed(range(batch_count)):
-            self._render_eye(eye, batch)
+            yield from self._rendering_eye(eye, batch)
             with self.stopwatch.stage("read-back"):
                 positions = [*(self.device.read(buffer.positions) for buffer in eye.buffers), *positions]
             yield None
@@ -281,8 +281,7 @@ class Renderer:
         if self.reflects:
             seen = yield from self._seeing_positions(eye)
         elif new or not shared:
-            self._render_eye(eye, 0)
-            yield None
+            yield from self._rendering_eye(eye, 0)
         if new or self.reflects:
             with self.stopwatch.stage("read-back"):
                 positions = seen[0] if seen else self.device.read(eye.buffers[0].positions)
@@ -349,12 +348,12 @@ class Renderer:
         """What lights only reflections has no pass of its own."""
         return self.stopwatch.billed_to(work.statistics) if work.has_pass else contextlib.nullcontext()
 
-    def _render_eye(self, eye: EyePass, batch: int) -> None:
+    def _rendering_eye(self, eye: EyePass, batch: int) -> Generator[None, None, None]:
         first = batch * self.plan.eye_samples_per_batch
         offsets = [(first + part) % self.plan.eye_sample_count for part in range(self.plan.eye_samples_per_batch)]
         if offsets != self._current_offsets:
-            with self.stopwatch.stage("eye G-buffer"):
-                eye.render(offsets, batch)
+            self._current_offsets = []
+            yield from self.stopwatch.stages("eye G-buffer", eye.rendering(offsets, batch))
             self._current_offsets = offsets
 
     def render_batch(self, batch: int) -> None:
@@ -366,7 +365,7 @@ class Renderer:
         due = [work for work in self.works if work.batches_done <= batch]
         if self.eye is None or (self.works and not due):
             return
-        self._render_eye(self.eye, batch)
+        yield from self._rendering_eye(self.eye, batch)
         if self.reflections is not None and batch > 0:
             yield from self.reflections.tracing(self._current_offsets, batch, self.stopwatch)
         if self.plan.passes and not any(work.has_pass for work in self.works):

@@ -7,7 +7,7 @@ serves sixteen offsets, which are moved to the nearest of its samples (by at mos
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -18,6 +18,7 @@ from ...device.interface import Texture, TextureFormat
 from ...device.owned import Owned, Shared
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera
+from ..steps import run_steps
 from .opacity_maps import of_cut_outs
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
 from .tiles import PROBES_FLAG, SIZE_CONSTANTS, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, TileSplit, grid_shape
@@ -168,21 +169,33 @@ class EyePass(Shared):
     def render(self, indices: Sequence[int], batch: int) -> None:
         """A G-buffer of each offset with these numbers, in the wanted tiles and at the batch's probes of all others; elsewhere they keep
         what they have."""
+        run_steps(self.rendering(indices, batch))
+
+    def rendering(self, indices: Sequence[int], batch: int) -> Generator[None, None, None]:
+        """`render`, pausing once everything is rasterized."""
         self._indices = indices
-        for bindings in self._with_visibility():
+        for part, index in enumerate(indices):
+            if self._see(index):
+                yield
+            bindings = self._bindings(part, index)
             self.tiles.walked.dispatch(self.surface, **bindings)
             if self.tiles.probed.count:
                 self.tiles.probed.dispatch_probes(self.device.compute_kernel(self.surface_declaration, "PROBES"), batch, **bindings)
 
-    def _with_visibility(self) -> Iterator[dict[str, Any]]:
-        """What SURFACE is bound to for each of the batch's offsets, while `visibility` is theirs."""
-        for part, (index, buffer) in enumerate(zip(self._indices, self.buffers, strict=True)):
-            if self.visibility_index[index] != self._current_visibility:
-                self._current_visibility = int(self.visibility_index[index])
-                base = self.base_offsets_px[self._current_visibility]
-                self._rasterize(base + 0.5 - 0.5 / self.samples_per_px, self._current_visibility)
-            triangles = {"surfaces": self.triangles[part]} if self.triangles else {}
-            yield {**self._surface_bindings(index, buffer), **triangles}
+    def _see(self, index: int) -> bool:
+        """Have `visibility` be that of an offset; whether it was another."""
+        number = int(self.visibility_index[index])
+        if number == self._current_visibility:
+            return False
+        self._current_visibility = -1
+        self._rasterize(self.base_offsets_px[number] + 0.5 - 0.5 / self.samples_per_px, number)
+        self._current_visibility = number
+        return True
+
+    def _bindings(self, part: int, index: int) -> dict[str, Any]:
+        """What SURFACE is bound to for an offset, the batch's part-th."""
+        triangles = {"surfaces": self.triangles[part]} if self.triangles else {}
+        return {**self._surface_bindings(index, self.buffers[part]), **triangles}
 
     def want_only(self, wanted: np.ndarray) -> None:
         """From now on render these tiles only, (rows, columns) bool."""
@@ -200,8 +213,9 @@ class EyePass(Shared):
         if missing.any():
             with Owned() as temporary:
                 tiles = temporary.own(Tiles(self.device, missing))
-                for bindings in self._with_visibility():
-                    tiles.dispatch(self.surface, **bindings)
+                for part, index in enumerate(self._indices):
+                    self._see(index)
+                    tiles.dispatch(self.surface, **self._bindings(part, index))
             self.want_only(self.tiles.is_walked | missing)
 
     def _surface_bindings(self, index: int, buffer: GBuffer) -> dict[str, Any]:
