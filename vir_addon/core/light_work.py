@@ -33,6 +33,8 @@ from .stopwatch import Stopwatch
 
 LightFace = tuple[FittedFace, np.ndarray, DepthMapMethod | None]
 """with its table for the kernels; without a method where nothing casts"""
+Places = tuple[np.ndarray, np.ndarray]
+"""positions and normals of an eye G-buffer, (height, width, 4) each"""
 
 
 class MapStore(Shared):
@@ -108,11 +110,18 @@ class FaceTurns:
 
 class LightWork(Shared):
     def __init__(
-        self, planned: PlannedPass, light: Light, plan: RenderPlan, scene_data: SceneData, store: MapStore, has_pass: bool = True
+        self,
+        planned: PlannedPass,
+        light: Light,
+        plan: RenderPlan,
+        scene_data: SceneData,
+        store: MapStore,
+        has_pass: bool = True,
+        lights_reflections: bool = False,
     ) -> None:
-        """has_pass: whether the picture is looked up, not only what reflectors show"""
+        """has_pass: whether the picture is looked up; lights_reflections: whether what reflectors show is"""
         snapshot = scene_data.snapshot
-        self.has_pass = has_pass
+        self.has_pass, self.lights_reflections = has_pass, lights_reflections
         self.planned, self.light, self.plan, self.scene_data, self.store = planned, light, plan, scene_data, store
         if not light.casts_shadow:
             self.light = replace(light, blockers=np.zeros(len(snapshot.instances), bool))
@@ -195,6 +204,16 @@ class LightWork(Shared):
                 self.statistics.reason = f"{self.planned.reason}; {NO_MAP_REASON}"
         self._update_statistics()
         self.is_between_batches = True
+
+    def texel_growth(self, places: Places, more: Places) -> float:
+        """How many times as large texels get over some surfaces if maps reach over more of them, which include the first."""
+        (fitted, is_cube, _), (joint, is_joint_cube, _) = self._fit_views(*places), self._fit_views(*more)
+        before, after = (
+            {face.views.face.index: max(face.views.texel_tangent) for face in faces if face.views.map_width_px} for faces in (fitted, joint)
+        )
+        if is_cube != is_joint_cube:
+            return max(after.values(), default=0.0) / max(before.values(), default=math.inf)
+        return max((after.get(index, 0.0) / tangent for index, tangent in before.items()), default=0.0)
 
     def _fit_views(self, positions: np.ndarray, normals: np.ndarray) -> tuple[list[FittedFace], bool, np.ndarray]:
         """As of `fit_light`, and (instance_count,) bool of `cullable_instances`."""

@@ -22,7 +22,9 @@ from .scene import Camera, Light, LightShape, SceneSnapshot
 from .settings import Effect, Hardware, Method, PointGeneration, PointStorage, Settings
 from .views import MIN_RECEIVER_MARGIN, light_axes
 
-SHARED_MAPS_NOTE = "shadows differ a little from those made without reflections: lights' maps reach over what reflectors show as well"
+SHARED_MAPS_NOTE = (
+    "shadows may differ a little from those made without reflections: lights' maps may reach over what reflectors show as well"
+)
 MIN_EYE_SAMPLES = 8
 MAX_EYE_SAMPLES = 16
 """Anti-aliasing gains little from more: with 16 samples of the filter an edge pixel is off by about a fiftieth."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..device.interface import Device, Texture
 from ..device.owned import Owned
-from .light_work import LightWork, MapStore
+from .light_work import LightWork, MapStore, Places
 from .pass_set import (
     COMBINED_PASS_NAME,
     REFLECTION_COLOR_PASS_NAME,
@@ -49,6 +49,8 @@ from .stopwatch import OnStage, Stopwatch
 
 LEAST_SEEN_SAMPLES = 4
 """of a pixel, by which reflectors are found"""
+MAX_TEXEL_GROWTH = 1.1
+"""of a light's maps by reaching over what reflectors show as well; one step of the ladder of texel sizes is 1.09"""
 
 
 @dataclass
@@ -128,6 +130,13 @@ def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device, on_stage: 
                 progress.keep()
                 raise
         progress.keep()
+
+
+def _together(in_picture: Places, reflected: Places) -> Places:
+    """What reflectors show may be every other row and column only; then of the picture, too."""
+    step = -(-in_picture[0].shape[1] // reflected[0].shape[1])
+    positions, normals = (np.concatenate([mine[::step, ::step], other]) for mine, other in zip(in_picture, reflected, strict=True))
+    return positions, normals
 
 
 class Renderer:
@@ -284,13 +293,13 @@ class Renderer:
             yield from self._rendering_eye(eye, 0)
         if new or self.reflects:
             with self.stopwatch.stage("read-back"):
-                positions = seen[0] if seen else self.device.read(eye.buffers[0].positions)
-                normals = self.device.read(eye.buffers[0].normals)
+                in_picture = seen[0] if seen else self.device.read(eye.buffers[0].positions), self.device.read(eye.buffers[0].normals)
+        reflected: Places | None = None
         if self.reflects:
             in_sight = yield from self._finding_reflectors(seen)
             self.reflects = in_sight.runs
             if self.reflects:
-                positions, normals = yield from self._preparing_reflections(in_sight, scene_data, eye, seen, normals)
+                reflected = yield from self._preparing_reflections(in_sight, scene_data, eye, seen)
             else:
                 self.statistics.reflections = ReflectionStatistics(bounces=in_sight.bounces, reflectors=in_sight.settled().texts)
                 self.statistics.notes.append(
@@ -298,28 +307,45 @@ class Renderer:
                 )
                 planned_lights = self._planned_lights().values()
                 self.views_total = self._count_views()
-        lights = {light.name: light for light in self.snapshot.lights}
-        has_pass = {planned.light_name for planned in self.plan.passes if planned.runs}
         for planned in planned_lights:
-            work = shared.get(planned.light_name)
-            if work is None:
-                light = lights[planned.light_name]
-                work = self._owned.own(LightWork(planned, light, self.plan, scene_data, store, planned.light_name in has_pass))
-                with self._billed_to(work):
-                    yield from work.fitting(positions, normals, self.stopwatch)
-                yield None
-            self.works.append(work)
-            if work.has_pass:
-                self.statistics.passes.append(work.statistics)
+            if planned.light_name in shared:
+                self.works.append(shared[planned.light_name])
+            else:
+                yield from self._preparing_light(planned, scene_data, store, in_picture, reflected)
+        self.statistics.passes += [work.statistics for work in self.works if work.has_pass]
         self.statistics.passes.sort(key=lambda statistics: statistics.light_name)
 
-    def _preparing_reflections(
-        self, planned: PlannedReflections, scene_data: SceneData, eye: EyePass, seen: list[np.ndarray], normals: np.ndarray
-    ) -> Generator[HostWork | None, Any, tuple[np.ndarray, np.ndarray]]:
-        """Returns positions and normals of what lights are to be fitted to: what is in the picture of passes, and what reflectors show.
+    def _preparing_light(
+        self, planned: PlannedPass, scene_data: SceneData, store: MapStore, in_picture: Places, reflected: Places | None
+    ) -> Steps:
+        """One work for the picture and what reflectors show, or two where maps that reach over both would have larger texels."""
+        light = next(light for light in self.snapshot.lights if light.name == planned.light_name)
+        own = next((each for each in self.plan.passes if each.runs and each.light_name == light.name), None)
+        arguments = light, self.plan, scene_data, store
+        work = self._owned.own(LightWork(planned, *arguments, has_pass=own is not None, lights_reflections=reflected is not None))
+        places = in_picture if reflected is None else reflected
+        if own is not None and reflected is not None:
+            joint = _together(in_picture, reflected)
+            with self._billed_to(work):
+                growth = yield self.stopwatch.host_work("points", work.texel_growth, in_picture, joint)
+            if growth <= MAX_TEXEL_GROWTH:
+                places = joint
+            else:
+                work.has_pass = False
+                of_picture = self._owned.own(LightWork(own, *arguments))
+                self.works.append(of_picture)
+                with self._billed_to(of_picture):
+                    yield from of_picture.fitting(*in_picture, self.stopwatch)
+                yield None
+        self.works.append(work)
+        with self._billed_to(work):
+            yield from work.fitting(*places, self.stopwatch)
+        yield None
 
-        seen: positions of `_seeing_positions`; normals: of the first of them
-        """
+    def _preparing_reflections(
+        self, planned: PlannedReflections, scene_data: SceneData, eye: EyePass, seen: list[np.ndarray]
+    ) -> Generator[HostWork | None, Any, Places]:
+        """Returns what reflectors show. seen: positions of `_seeing_positions`"""
         if self.surfaces is None:
             rows = yield self.stopwatch.host_work("upload", pack_surfaces, self.snapshot)
             with self.stopwatch.stage("upload"):
@@ -337,12 +363,11 @@ class Renderer:
         reflections.find_tiles([positions[..., 3] for positions in seen])
         yield None
         yield from reflections.preparing(self._current_offsets, self.stopwatch)
-        has_passes = any(planned.runs for planned in self.plan.passes)
-        hit_positions, hit_normals = yield from reflections.gathering_hits(self._current_offsets, self.stopwatch)
+        positions, normals = yield from reflections.gathering_hits(self._current_offsets, self.stopwatch)
         if not self.plan.passes:
             # nobody looks at the rest of the picture any more
             eye.want_only(reflections.tiles_shown)
-        return np.concatenate([*[seen[0]] * has_passes, *hit_positions]), np.concatenate([*[normals] * has_passes, *hit_normals])
+        return np.concatenate(positions), np.concatenate(normals)
 
     def _billed_to(self, work: LightWork) -> contextlib.AbstractContextManager[None]:
         """What lights only reflections has no pass of its own."""
@@ -374,7 +399,7 @@ class Renderer:
         for work in due:
             yield None
             with self._billed_to(work):
-                yield from work.rendering(batch, self.eye, self.stopwatch, self.reflections)
+                yield from work.rendering(batch, self.eye, self.stopwatch, self.reflections if work.lights_reflections else None)
         if self.reflections is not None:
             self.reflections.end_batch(self.stopwatch)
         shown = [work for work in due if work.has_pass]
@@ -400,7 +425,8 @@ class Renderer:
         """Light samples looked up after so many batches; lights that were taken over may have had more."""
         if not self.works:
             return round(self.views_total * batches_done / self.plan.batch_count)
-        return round(sum(work.planned.view_count * work.batches_done for work in self.works) / self.plan.batch_count)
+        views = {work.light.name: work.planned.view_count * work.batches_done for work in self.works}  # of a light with two works once
+        return round(sum(views.values()) / self.plan.batch_count)
 
     def draw_shadows(self, picture: Texture, light_name: str | None) -> bool:
         """Without reading anything back: the combined pass, or one light's, into a texture of the picture's size, as of `COMBINE_PASSES`.
