@@ -5,6 +5,7 @@ Everything else is imported within `main`, where Ctrl-C is waited for: importing
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Sequence
 
@@ -35,8 +36,11 @@ def _run(argv: Sequence[str] | None) -> int:
     from .core.errors import VirError
 
     arguments = make_parser().parse_args(argv)
+    # a name that the terminal cannot show must not end a render; without a terminal or a file there is no stream at all
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     # into a file or a farm's log there is no width to fit: keep a line a line
-    console = Console(width=None if sys.stdout.isatty() else LOG_WIDTH)
+    console = Console(width=None if sys.stdout is not None and sys.stdout.isatty() else LOG_WIDTH)
     try:
         if arguments.command == "doctor":
             from .cli.doctor import run_doctor

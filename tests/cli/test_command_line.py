@@ -198,6 +198,8 @@ def test_exit_statuses(blend, folder):
     build(dark, light=False)
     build(smoke, surfaces=False)
     broken.write_bytes(b"not a blend")
+    pipe = folder / "pipe"
+    os.mkfifo(pipe)
     cases = [
         (2, "no light named 'Sun'", ("render", blend, "--output", folder / "x", "--lights", "Sun")),
         (2, "is none of auto, mvr, ivir", ("render", blend, "--output", folder / "x", "--method", "magic")),
@@ -207,8 +209,12 @@ def test_exit_statuses(blend, folder):
             ("plan", blend, "--method", "vir", "--points", "bufferless"),
         ),
         (2, "required", ("render", blend)),
+        (2, "outside of Blender's frames", ("plan", blend, "--frames", "1-99999999999")),
+        (2, "argument --output: the name is empty", ("render", blend, "--output", "")),
         # before anything is rendered, which would be lost
         (2, "it is a folder", ("render", blend, "--output", folder / "x", "--stats", folder)),
+        (2, "a pipe or a device", ("render", blend, "--output", folder / "x", "--stats", pipe)),
+        (2, f"{blend} is not a folder", ("render", blend, "--output", blend / "x")),
         (2, "two counts such as 32+64", ("plan", blend, "--method", "pcss", "--pcss-samples", "96")),
         (2, "views must be", ("plan", blend, "--views", "0")),
         (2, "choose the method ivir", ("plan", blend, "--method", "micro", "--points", "bufferless")),
@@ -229,6 +235,24 @@ def test_exit_statuses(blend, folder):
         assert (done.returncode, words in done.stderr) == (status, True), (arguments, done.stdout, done.stderr)
         assert "Traceback" not in done.stderr
     assert not list(folder.glob("x/*"))
+
+
+def test_a_terminal_that_cannot_show_a_name(folder):
+    blend = folder / "Lämp.blend"
+    build(blend)
+    ascii_only = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"}
+    done = vir("render", blend, "--output", folder / "ascii", *SIZE, environment=ascii_only)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "mp_0001.exr" in done.stdout and done.stdout.splitlines()[-1].isascii()
+    assert (folder / "ascii" / "Lämp_0001.exr").is_file()
+
+
+def test_without_a_standard_output(blend):
+    """As a service or a scheduled task may start it."""
+    script = "import os, sys; os.close(1); os.execv(sys.argv[1], sys.argv[1:])"
+    command = [sys.executable, "-c", script, sys.executable, "-m", "vir_addon", "plan", str(blend), "--resolution", "64x36"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_no_usable_device(blend, folder):

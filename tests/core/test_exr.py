@@ -81,6 +81,14 @@ def test_a_folder_that_cannot_be_is_said(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["file"]
 
 
+def test_pipes_and_devices_are_not_renamed_over(tmp_path):
+    target = tmp_path / "pipe"
+    os.mkfifo(target)
+    with pytest.raises(UsageError, match="pipe or a device"):
+        write(target, make_passes(["Key"]))
+    assert target.is_fifo() and os.listdir(tmp_path) == ["pipe"]
+
+
 def test_missing_folders_are_made_and_files_are_readable_by_others(tmp_path):
     target = write(tmp_path / "new" / "deeper" / "a.exr", make_passes(["Key"]))
     mask = os.umask(0)

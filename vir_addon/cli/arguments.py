@@ -15,9 +15,13 @@ from ..core.settings import Effect, Method, PointGeneration, PointStorage, Refle
 EXIT_STATUS_TEXT = "exit status: 0 done, 2 wrong usage, 3 the scene cannot be rendered, 4 no usable device, 130 stopped with Ctrl-C"
 
 
+FRAME_MAX = 1_048_574
+"""Blender's last frame; its first is as far below zero"""
+
+
 def parse_frames(text: str) -> list[int]:
     """'1-24', '1-24:2' (every second), '3,7,10-12' -> frame numbers in order, each once."""
-    frames: list[int] = []
+    frames: dict[int, None] = {}
     for part in text.split(","):
         span, _, step = part.partition(":")
         # a minus at the start belongs to the number: '-5-10' is -5 to 10
@@ -30,8 +34,17 @@ def parse_frames(text: str) -> list[int]:
             raise argparse.ArgumentTypeError(f"{part!r} is not a frame or a range such as 1-24 or 1-24:2") from None
         if last < first or stride < 1:
             raise argparse.ArgumentTypeError(f"{part!r} has no frames")
-        frames += [frame for frame in range(first, last + 1, stride) if frame not in frames]
-    return frames
+        if max(-first, last) > FRAME_MAX:
+            raise argparse.ArgumentTypeError(f"{part!r} is outside of Blender's frames, {-FRAME_MAX} to {FRAME_MAX}")
+        frames |= dict.fromkeys(range(first, last + 1, stride))
+    return list(frames)
+
+
+def parse_path(text: str) -> Path:
+    """An empty name would be the current folder: what a script gives whose variable is not set."""
+    if not text:
+        raise argparse.ArgumentTypeError("the name is empty")
+    return Path(text)
 
 
 def parse_resolution(text: str) -> tuple[int, int]:
@@ -81,8 +94,8 @@ def make_parser() -> argparse.ArgumentParser:
 
     render = commands.add_parser("render", help="render passes into one multilayer EXR a frame", epilog=EXIT_STATUS_TEXT)
     _add_scene_arguments(render)
-    render.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="where the files go; made if it is not there")
-    render.add_argument("--stats", type=Path, metavar="FILE", help="write counts, times and error estimates as JSON")
+    render.add_argument("--output", type=parse_path, required=True, metavar="FOLDER", help="where the files go; made if it is not there")
+    render.add_argument("--stats", type=parse_path, metavar="FILE", help="write counts, times and error estimates as JSON")
     render.add_argument("--preview", action="store_true", help="PNGs of all passes and a contact sheet beside the EXR")
 
     plan = commands.add_parser("plan", help="what would run and why, without running it", epilog=EXIT_STATUS_TEXT)
@@ -102,7 +115,7 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         default="moderngl",
         help="what renders: OpenGL by moderngl (default) or Blender's gpu module",
     )
-    parser.add_argument("scene", type=Path, metavar="SCENE.blend")
+    parser.add_argument("scene", type=parse_path, metavar="SCENE.blend")
     parser.add_argument("--scene-name", metavar="NAME", help="which scene of the file; default: the one that was open when it was saved")
     parser.add_argument(
         "--frames", type=parse_frames, metavar="1-24", help="frames, e.g. 1-24, 1-24:2 or 3,7; default: the file's current frame"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from ..core.errors import DeviceError, UsageError
+from ..core.errors import DeviceError
 from ..core.pass_set import PassSet
 from ..core.settings import Settings
 from . import report
@@ -92,7 +92,7 @@ def run_render(arguments: argparse.Namespace, console: Console) -> None:
     scene = open_scene(arguments)
     from ..blender.job import replanned
     from ..core.exr import write_exr
-    from ..core.files import check_writable
+    from ..core.files import check_replaceable, check_writable
     from ..core.plan import check_device, settings_for
     from ..device.open import open_device
 
@@ -105,10 +105,10 @@ def run_render(arguments: argparse.Namespace, console: Console) -> None:
                 jobs = jobs_of(scene, frame, settings, arguments.resolution, shown.large_step)
             if device is None:
                 # after the first plan, as a wrong light name should not wait for a device; before the first picture, which would be lost
+                if arguments.stats:
+                    check_replaceable(arguments.stats)
                 for folder in [arguments.output, *([arguments.stats.parent] if arguments.stats else [])]:
                     check_writable(folder)
-                if arguments.stats and arguments.stats.is_dir():
-                    raise UsageError(f"cannot write {arguments.stats}: it is a folder. Name a file for the statistics.")
                 device = open_device(arguments.device)
                 planned_for, settings = settings, settings_for(device, settings)
                 if settings != planned_for:

@@ -14,12 +14,26 @@ from .errors import UsageError
 
 def check_writable(folder: Path) -> None:
     """Raises UsageError when no file can be written into `folder`; makes it when it is missing. For before long work."""
+    for part in (folder, *folder.parents):
+        if os.path.exists(part) and not os.path.isdir(part):
+            raise UsageError(f"cannot write into {folder}: {part} is not a folder. Choose another output folder.")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
         raise UsageError(f"cannot write into {folder}: {error.strerror or error}. Choose another output folder or free space.") from error
+
+
+def check_replaceable(target: Path) -> None:
+    """Raises UsageError for what a whole file cannot take the place of: folders, and pipes and devices such as /dev/stdout.
+
+    Those would be renamed over, which is what a user who may write into /dev gets, for all programs to come.
+    """
+    if os.path.isdir(target):
+        raise UsageError(f"cannot write {target}: it is a folder. Name a file.")
+    if os.path.exists(target) and not os.path.isfile(target):
+        raise UsageError(f"cannot write {target}: it is a pipe or a device, which a whole file cannot replace. Name a file.")
 
 
 @contextmanager
@@ -29,6 +43,7 @@ def whole_file(target: Path) -> Iterator[Path]:
     The folder is made when it is missing. When the block raises, Ctrl-C included, the temporary file goes and an older `target`
     stays as it was. Raises UsageError when the folder or the file cannot be written.
     """
+    check_replaceable(target)
     # A name of its own length: a long target name leaves no room for a suffix. Same folder, as renaming works only within a disk.
     temporary = target.parent / f".vir-{os.getpid()}-{uuid.uuid4().hex[:8]}.partial"
     try:
