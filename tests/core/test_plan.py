@@ -195,7 +195,7 @@ def test_more_work_is_predicted_to_take_longer(method, more):
 
 def test_rasterizing_is_predicted_to_take_as_long_as_there_are_views():
     # that also have four times the eye samples
-    few, many = (planned(fine_scene(40), method=Method.MVR, view_count=view_count).predicted_ms for view_count in (128, 512))
+    few, many = (planned(fine_scene(40), method=Method.MVR, view_count=view_count).predicted_ms for view_count in (256, 1024))
     assert many == pytest.approx(4 * few)
 
 
@@ -235,7 +235,9 @@ def test_auto_chooses_by_what_will_render(monkeypatch):
 def test_the_plan_knows_how_fine_maps_will_be(device, monkeypatch, light):
     """To a factor of two; all predictions of points and texels are made from that. Of a face that little is seen in it may not know."""
     heard, estimate_methods = [], cost.estimate_methods
-    monkeypatch.setattr(cost, "estimate_methods", lambda *arguments: heard.append(arguments) or estimate_methods(*arguments))
+    monkeypatch.setattr(
+        cost, "estimate_methods", lambda *arguments, **named: heard.append(arguments) or estimate_methods(*arguments, **named)
+    )
     with prepared_renderer(scene_with(light), device, method=Method.MVR) as renderer:
         tangents = [fitted.views.texel_tangent for fitted, _, method in renderer.works[0].faces if method is not None]
     ((*_, likely, _),) = heard
@@ -340,7 +342,19 @@ def test_more_views_never_bring_fewer_eye_samples():
     camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
     scene = snapshot([floor(4.0), box("box", (0, 0, 0.5), (0.5, 0.5, 0.5))], [area_light()], camera, WIDTH, HEIGHT)
     counts = [plan(scene, Settings(view_count=count)).eye_sample_count for count in (3, 9, 32, 57, 63, 64, 65, 72, 100, 128, 200)]
-    assert counts == sorted(counts) and counts[0] == 8 and counts[4:] == [16] * 7
+    assert counts == sorted(counts) and counts[0] == 8 and counts[4:6] == [16] * 2 and counts[-2:] == [32] * 2
+
+
+def test_hard_shadows_have_as_many_eye_samples_as_soft_ones():
+    """They have one view, but edges that the same eye samples have to meet."""
+    camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
+    meshes = [floor(4.0), box("box", (0, 0, 0.5), (0.5, 0.5, 0.5))]
+    hard, soft = (snapshot(meshes, [light], camera, WIDTH, HEIGHT) for light in (area_light(size_m=(0, 0)), area_light()))
+    for count in (64, 128, 256):
+        works = [plan(scene, Settings(view_count=count)) for scene in (hard, soft)]
+        assert works[0].passes[0].view_count == 1
+        assert works[0].eye_sample_count == works[1].eye_sample_count == min(count // 4, 32)
+        assert all(work.batch_count * work.eye_samples_per_batch >= work.eye_sample_count for work in works)
 
 
 def test_what_a_suns_views_cost_does_not_depend_on_where_its_object_stands():

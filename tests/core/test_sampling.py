@@ -112,3 +112,17 @@ def test_offsets_are_distributed_as_the_filter(shape, width_px):
         # 1e-4: the filter is tabulated in 1024 steps
         assert (share >= number / count - 1e-4).all() and (share <= (number + 1) / count + 1e-4).all()
     assert (pixel_offsets(PixelFilter(shape, width_px), 1) == 0).all()
+
+
+@pytest.mark.parametrize(("view_count", "offset_count"), [(64, 16), (128, 32)])
+@pytest.mark.parametrize("name", ["Key", "Fill", "Lamp.001"])
+def test_offsets_do_not_follow_the_lights_points(name, view_count, offset_count):
+    """A sixteenth of the light is seen from half of a pixel's quarters or more, for each of the four pairs of their coordinates: where an
+    edge's shadow moves with both, they stand in for each other."""
+    offsets = pixel_offsets(PixelFilter(FilterShape.BOX, 1.0), offset_count) + 0.5
+    seen_from = np.repeat(offsets, view_count // offset_count, axis=0)
+    points = unit_square_points(view_count, stable_seed(name))
+    for place in points.T:
+        for offset in seen_from.T:
+            boxes = set(zip(np.floor(16 * place), np.floor(4 * offset), strict=True))
+            assert len(boxes) >= 0.5 * 16 * 4

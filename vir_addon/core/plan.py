@@ -26,8 +26,8 @@ SHARED_MAPS_NOTE = (
     "shadows may differ a little from those made without reflections: lights' maps may reach over what reflectors show as well"
 )
 MIN_EYE_SAMPLES = 8
-MAX_EYE_SAMPLES = 16
-"""Anti-aliasing gains little from more: with 16 samples of the filter an edge pixel is off by about a fiftieth."""
+MAX_EYE_SAMPLES = 32
+"""With 128 views: fewer views for each than MIN_EYE_SAMPLE_VIEWS bring as much noise as more eye samples take."""
 
 AUTO_METHODS = (Method.MICRO, Method.MVR, Method.IVIR)
 """What `auto` chooses from; the others are there to be compared with these, and were nowhere measured to be faster."""
@@ -137,7 +137,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     batch_count = _light_batch_count(most_views, settings.map_resolution_px, settings, only_reflects) if most_views else 1
 
     def eye_samples_of(batch_count: int) -> int:
-        return 1 if only_reflects else _eye_samples_per_batch(most_views, batch_count)
+        return 1 if only_reflects else _eye_samples_per_batch(most_views, batch_count, settings)
 
     notes = list(snapshot.notes)
     rounds: ReflectionRounds | None = None
@@ -239,9 +239,13 @@ def _only_reflects(passes: tuple[PlannedPass, ...], reflections: PlannedReflecti
     return reflections is not None and reflections.runs and not any(planned.runs for planned in passes)
 
 
-def _eye_samples_per_batch(most_views: int, batch_count: int) -> int:
-    """Hard shadows have one view, which every eye sample sees."""
-    views = MAX_BATCH_VIEWS if most_views == 1 else math.ceil(most_views / batch_count)
+def _eye_samples_per_batch(most_views: int, batch_count: int, settings: Settings | None = None) -> int:
+    """Hard shadows have one view, which every eye sample sees: there are as many as if there were all of the views that the settings ask
+    for. To `pcss` these mean nothing."""
+    views = math.ceil(most_views / batch_count)
+    if most_views == 1:
+        asked = settings.view_count // batch_count if settings is not None and settings.method is not Method.PCSS else 0
+        views = max(MAX_BATCH_VIEWS, asked)
     return max(min(math.ceil(MAX_EYE_SAMPLES / batch_count), views // MIN_EYE_SAMPLE_VIEWS), 1)
 
 
@@ -300,10 +304,10 @@ def _plan_light(
     is_filtered = settings.method is Method.PCSS and light.has_size
     wanted_count = settings.view_count if light.own_view_count is None else light.own_view_count
     view_count = wanted_count if light.has_size and not is_filtered else 1
-    taps = MAX_EYE_SAMPLES * max(settings.blocker_sample_count, settings.filter_sample_count)
-    sample_count = taps if is_filtered else view_count
     batch_count = _batch_count(view_count, settings.map_resolution_px, settings.batch_view_count)
-    round_count = batch_count * _eye_samples_per_batch(view_count, batch_count)
+    round_count = batch_count * _eye_samples_per_batch(view_count, batch_count, settings)
+    taps = round_count * max(settings.blocker_sample_count, settings.filter_sample_count)
+    sample_count = taps if is_filtered else view_count
     look_ups_ms = cost.resolve_ms(snapshot, settings, max(sample_count, round_count), round_count)
     reason = _describe(light) if light.has_size else f"{_describe(light)} without size: one view, a hard shadow"
     if not may_shadow(snapshot, light, bounds, receiver_boxes.reshape(-1, 3), sample_count):
@@ -324,7 +328,7 @@ def _plan_light(
     # where there are fewer views than batches each batch shows one again
     turns = 1 if view_count == 1 and not has_cut_outs and _may_keep_maps(len(faces), settings) else batch_count
     estimates = cost.estimate_methods(snapshot, light, max(view_count, turns), settings, bounds, faces, turns)
-    look_ups_ms = cost.filter_ms(snapshot, settings, MAX_EYE_SAMPLES) if is_filtered else face_count * look_ups_ms
+    look_ups_ms = cost.filter_ms(snapshot, settings, round_count) if is_filtered else face_count * look_ups_ms
     if settings.method is Method.AUTO:
         # what the rasterizer draws into splatted maps loses half a texel at every outline, and lace is nothing but outlines
         methods = AUTO_METHODS + GPU_AUTO_METHODS * (settings.hardware is Hardware.GPU)

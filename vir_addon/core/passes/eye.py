@@ -1,7 +1,7 @@
 """The eye G-buffer: what every pixel sees, at sub-pixel offsets that change from batch to batch.
 
-Rasterizing a million triangles costs far more than filling pixels, so visibility is rasterized with up to 4 x 4 samples a pixel and
-serves sixteen offsets, which are moved to the nearest of its samples (by at most an eighth of a pixel).
+Rasterizing a million triangles costs far more than filling pixels, so visibility is rasterized with up to 6 x 6 samples a pixel and
+serves as many offsets, which are moved to the nearest of its samples (by at most half of their distance).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .opacity_maps import of_cut_outs
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
 from .tiles import PROBES_FLAG, SIZE_CONSTANTS, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, TileSplit, grid_shape
 
-MAX_SAMPLES_PER_PX = 4
+MAX_SAMPLES_PER_PX = 6
 """visibility samples along a pixel's side: as many as there are offsets, or as MAX_VISIBILITY_TEXELS allows"""
 MAX_VISIBILITY_TEXELS = 1 << 25
 """400 MiB of visibility and depth"""
