@@ -22,6 +22,7 @@ from tests.scenes import (
     with_opacity,
 )
 from vir_addon.core import methods
+from vir_addon.core.light_work import MapStore
 from vir_addon.core.methods.hybrid import HybridRasterization
 from vir_addon.core.methods.ivir import ImprovedViewIndependentRasterization
 from vir_addon.core.methods.micro import MicroTriangleRasterization
@@ -90,6 +91,15 @@ def test_one_map_a_face(device, monkeypatch, method):
     for name, image in passes.items():
         np.testing.assert_array_equal(image, made_again[name])
         assert np.ptp(image) > 0.5
+
+
+def test_no_maps_are_lent_for_it(device, monkeypatch):
+    """Those that all lights share are a batch's, and textures of their own."""
+    lent = []
+    lend = MapStore.maps
+    monkeypatch.setattr(MapStore, "maps", lambda store, view_count: lent.append(view_count) or lend(store, view_count))
+    passes = render_passes(scene_of([HARD[2]]), device, method=Method.MICRO, map_resolution_px=256)
+    assert not lent and np.ptp(passes["VIR Shadow Sun"]) > 0.5
 
 
 @pytest.mark.parametrize(

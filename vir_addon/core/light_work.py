@@ -271,11 +271,11 @@ class LightWork(Shared):
             self.accumulator.begin_batch(len(eye.buffers))
         turns: FaceTurns | None = None
         for index, (_, _, method) in enumerate(self.mapped):
-            maps = self.store.maps(self.largest_batch)
-            if method is not None:
+            if method is None:
+                maps = self._lent_maps()
+            else:
                 with stopwatch.stage("splat or raster"):
-                    method.fill(maps, selected)
-                maps = method.kept_maps or maps
+                    maps = method.maps_of(selected, self._lent_maps)
                 yield None
             rounds = self._rounds(eye, index, maps, batch)
             if reflections is not None:
@@ -305,6 +305,9 @@ class LightWork(Shared):
                 self.accumulator.settle(*eye.buffers[-1], early=not self._may_settle(batch))
         self._update_statistics()
         self.batches_done, self.is_between_batches = batch + 1, True
+
+    def _lent_maps(self) -> DepthMaps:
+        return self.store.maps(self.largest_batch)
 
     def _light_hits(self, reflections: ReflectionWork, hits: Hits, index: int, look_up: dict[str, Any]) -> None:
         """Look what reflectors show up in the maps of a face. look_up: of the hits' eye sample"""

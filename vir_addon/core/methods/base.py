@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -57,10 +57,8 @@ class DepthMapMethod(abc.ABC):
         self.large: LargeTriangles | None = None
         """of methods whose kernels leave them to the rasterizer"""
         self._cut_out_map_count = 0
-        self.kept_maps: DepthMaps | None = None
-        """after `fill`: the maps to look up instead of those that it was given"""
         self.nearest_m = job.fitted.views.near_m
-        """after `fill`: nothing in the maps is nearer"""
+        """after `maps_of`: nothing in the maps is nearer"""
 
     @property
     def caster_triangle_count(self) -> int:
@@ -73,6 +71,12 @@ class DepthMapMethod(abc.ABC):
 
     def _prepare(self) -> None:  # noqa: B027  most methods have nothing to prepare
         """`prepare` on the device's thread."""
+
+    def maps_of(self, selected: range, lend: Callable[[], DepthMaps]) -> DepthMaps:
+        """The maps of the selected views, in those that are lent unless the method has its own."""
+        maps = lend()
+        self.fill(maps, selected)
+        return maps
 
     def fill(self, maps: DepthMaps, selected: range) -> None:
         """Clear the maps and write the depths of the selected views into them, in order."""

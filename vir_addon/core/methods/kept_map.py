@@ -5,6 +5,8 @@ What its method needs for making it is let go of as soon as the map is there.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from ..passes.shadow_maps import BYTES_PER_TEXEL, DepthMaps
 from .base import DepthMapMethod, FaceJob, ReplayMethod
 
@@ -14,29 +16,36 @@ class KeptMap(ReplayMethod):
         """maker: for the same face; no cut-outs may cast, because each batch has other thresholds of theirs"""
         super().__init__(job)
         self._maker = maker
+        self._kept: DepthMaps | None = None
 
     @property
     def held_bytes(self) -> int:
         return BYTES_PER_TEXEL * self.fitted.views.map_width_px * self.fitted.views.map_height_px
 
     def _make(self) -> None:
-        self.kept_maps = DepthMaps(self.device, self.fitted.views.map_width_px, self.fitted.views.map_height_px, 1)
+        kept = self._kept = DepthMaps(self.device, self.fitted.views.map_width_px, self.fitted.views.map_height_px, 1)
         self._is_held = True
         try:
             self._maker.prepare()
-            self._maker.fill(self.kept_maps, range(1))
+            self._maker.fill(kept, range(1))
             self.portion_count = self._maker.portion_count
         finally:
             self._maker.release()
-        self.kept_maps.release_target()
+        kept.release_target()
 
     def _free(self) -> None:
-        if self.kept_maps is not None:
-            self.kept_maps.release()
-        self.kept_maps = None
+        if self._kept is not None:
+            self._kept.release()
+        self._kept = None
+
+    def maps_of(self, selected: range, lend: Callable[[], DepthMaps]) -> DepthMaps:
+        """Its own: none are asked for."""
+        self.device.run(self._hold)
+        assert self._kept is not None
+        return self._kept
 
     def _fill(self, maps: DepthMaps, selected: range) -> None:
-        self._hold()
+        self._maker.fill(maps, range(1))
 
     def counts(self) -> dict[str, int]:
         return self._maker.counts()

@@ -6,6 +6,8 @@ is drawn for every batch, because each has other thresholds.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from ..passes.percentage_closer import NearestDepth
 from ..passes.shadow_maps import DepthMaps
 from .base import FaceJob
@@ -22,14 +24,18 @@ class PercentageCloserSoftShadows(KeptMap):
 
     def _make(self) -> None:
         super()._make()
-        assert self.kept_maps is not None
-        self._find_nearest(self.kept_maps)
+        assert self._kept is not None
+        self._find_nearest(self._kept)
+
+    def maps_of(self, selected: range, lend: Callable[[], DepthMaps]) -> DepthMaps:
+        if not self.has_cut_outs:
+            return super().maps_of(selected, lend)
+        maps = lend()
+        self.fill(maps, selected)
+        return maps
 
     def _fill(self, maps: DepthMaps, selected: range) -> None:
-        if not self.has_cut_outs:
-            super()._fill(maps, selected)
-            return
-        self._maker.fill(maps, range(1))
+        super()._fill(maps, selected)
         self._find_nearest(maps)
 
     def _find_nearest(self, maps: DepthMaps) -> None:
