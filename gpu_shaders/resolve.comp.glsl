@@ -48,9 +48,8 @@ bool is_below(float depth, float height, float z, float footprint) {
     float bias_footprints = of_point ? POINT_BIAS_FOOTPRINTS : RASTER_BIAS_FOOTPRINTS;
     float tolerance = bias_footprints * footprint + BIAS_ANGLE * min(abs(depth - z), reach);
     // What is nearer by more and above the plane is something else, or the receiver's surface that has risen into the light's way: folds
-    // within a texel are at hand. Planes of large facets that points carry past the facets' edges may be anywhere; with rasterized triangles
-    // beside them points are of small facets alone.
-#ifdef MIXED_MAPS
+    // within a texel are at hand. Planes of large facets that points carry past the facets' edges may be anywhere.
+#ifdef SMALL_FACETS
     bool is_far = depth < z - reach;
 #else
     bool is_far = depth < z - reach && !of_point;

@@ -49,7 +49,9 @@ class Method(enum.Enum):
     @property
     def resolve_flags(self) -> tuple[str, ...]:
         """How RESOLVE has to look at the maps. Points of vwss lie at centres of texels, of its own view, and do not enlarge outlines."""
-        if self in (Method.HYBRID, Method.EPR):
+        if self is Method.HYBRID:
+            return ("POINT_MAPS", "MIXED_MAPS", "SMALL_FACETS")
+        if self is Method.EPR:
             return ("POINT_MAPS", "MIXED_MAPS")
         return ("POINT_MAPS",) if self.shrinks_cut_outs else ()
 

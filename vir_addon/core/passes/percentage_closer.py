@@ -23,7 +23,7 @@ from .shadow_maps import DepthMaps
 
 GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
 BLOCK_PX = 16
-_OF_SPLATTED_MAPS = ("POINT_MAPS", "MIXED_MAPS")
+_OF_SPLATTED_MAPS = ("POINT_MAPS", "MIXED_MAPS", "SMALL_FACETS")
 
 PERCENTAGE_CLOSER = replace(
     RESOLVE,

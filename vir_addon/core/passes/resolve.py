@@ -107,6 +107,7 @@ RESOLVE = ComputeDeclaration(
         "POINT_MAPS": "the maps were splatted: undo the half texel by which that enlarges outlines",
         **PROBES_FLAG,
         **MIXED_MAPS_FLAG,
+        "SMALL_FACETS": "with MIXED_MAPS: points are of small triangles alone",
     },
     defines={**TILE_DEFINES, **TURN_DEFINES, **SETTLED_DEFINES, **TOLERANCES},
 )
