@@ -22,11 +22,13 @@ from tests.scenes import (
     with_opacity,
 )
 from vir_addon.core import methods
+from vir_addon.core.cost import resolve_ms
 from vir_addon.core.light_work import MapStore
 from vir_addon.core.methods.hybrid import HybridRasterization
 from vir_addon.core.methods.ivir import ImprovedViewIndependentRasterization
 from vir_addon.core.methods.micro import MicroTriangleRasterization
 from vir_addon.core.methods.mvr import MultiviewRasterization
+from vir_addon.core.passes.shadow_maps import MAX_BATCH_VIEWS
 from vir_addon.core.plan import plan
 from vir_addon.core.settings import Method, PointStorage, Settings
 
@@ -166,3 +168,37 @@ def test_plan_forecasts_one_map():
     assert kept > 0
     assert 4 * kept < maps_ms(replay_buffer_mib=1)
     assert 4 * kept < maps_ms(pane, replay_buffer_mib=256)
+
+
+def forecasts_ms(lights, method, **settings):
+    """sun's name -> what making its maps is predicted to take, look-ups left out"""
+    scene, settings = scene_of(lights), Settings(method=method, map_resolution_px=2048, **settings)
+    work = plan(scene, settings)
+    rounds = work.batch_count * work.eye_samples_per_batch
+    look_ups_ms = resolve_ms(scene, settings, rounds, rounds)
+    return {line.light_name: line.predicted_ms - look_ups_ms for line in work.passes if line.view_count == 1}
+
+
+def test_plan_forecasts_that_lights_share_the_memory_for_their_maps():
+    """A map of 2048 x 2048 takes 16 MiB: there is room for that of the first."""
+    suns = [sun_light(name, angle_rad=0) for name in ("A", "B", "C")]
+    kept = forecasts_ms(suns, Method.MVR, replay_buffer_mib=64)
+    assert kept["A"] == pytest.approx(kept["C"])
+    scarce = forecasts_ms(suns, Method.MVR, replay_buffer_mib=20)
+    assert scarce["A"] == pytest.approx(kept["A"])
+    assert scarce["B"] == pytest.approx(BATCHES * kept["B"]) and scarce["C"] == pytest.approx(scarce["B"])
+
+
+@pytest.mark.parametrize("method", [Method.MICRO, Method.IVIR])
+def test_plan_forecasts_that_maps_made_again_are_made_from_the_scene(method):
+    """What a map that was to be kept was made of is let go of, though there would have been memory for it."""
+    suns = [sun_light(name, angle_rad=0) for name in ("A", "B")]
+    kept, scarce = (forecasts_ms(suns, method, replay_buffer_mib=mib)["B"] for mib in (64, 20))
+    assert scarce == pytest.approx(BATCHES * kept)
+
+
+def test_plan_forecasts_batches_of_all_lights_for_each():
+    """Beside a light of 256 views one without size has 32 batches, too."""
+    sun, key = sun_light("Sun", angle_rad=0), area_light("Key", eye=(-2, -2, 5))
+    alone, beside = (forecasts_ms(lights, Method.MVR, view_count=256, replay_buffer_mib=1)["Sun"] for lights in ([sun], [sun, key]))
+    assert beside == pytest.approx(256 / MAX_BATCH_VIEWS / BATCHES * alone)

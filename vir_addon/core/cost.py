@@ -307,10 +307,13 @@ def estimate_methods(
     bounds: SceneBounds,
     faces: Sequence[LikelyFace],
     batch_count: int = 1,
+    *,
+    is_replayed: bool = True,
 ) -> dict[Method, float]:
     """Milliseconds of making all depth maps with each method.
 
-    batch_count: times that the views are taken in turn; what does not fit into its memory is made again for each.
+    batch_count: times that the views are taken in turn; what does not fit into its memory is made again for each, and all of it if nothing
+    is_replayed.
     """
     rates = RATES[settings.hardware]
     estimates = _estimate_casters(snapshot, light, bounds, faces)
@@ -332,7 +335,7 @@ def estimate_methods(
         return float(counts.sum()) * rates.raster_triangle + draws_ns + texels * rates.raster_texel
 
     budget_bytes = settings.replay_buffer_mib << 20
-    gatherings = 1 if small * MICRO_BYTES_PER_TRIANGLE <= budget_bytes else batch_count
+    gatherings = 1 if is_replayed and small * MICRO_BYTES_PER_TRIANGLE <= budget_bytes else batch_count
     micro_ns = gatherings * triangles * rates.gather_triangle + view_count * (
         small * rates.small_triangle
         + min(float((facing * estimates.texel_area * estimates.small_area_share).sum()), covered) * rates.small_texel
@@ -347,7 +350,7 @@ def estimate_methods(
 
     def points_ns(becomes_points: np.ndarray, share: float = 1.0) -> float:
         points = share * float((facing * point_counts)[becomes_points].sum())
-        is_kept = settings.points is PointStorage.BUFFERED and points * POINT_BYTES <= budget_bytes
+        is_kept = is_replayed and settings.points is PointStorage.BUFFERED and points * POINT_BYTES <= budget_bytes
         generations = 1 if is_kept else batch_count
         walk_ns = triangles * rates.generate_triangle + points * rates.generate_point
         if settings.point_generation is PointGeneration.RASTERIZER:
@@ -358,7 +361,7 @@ def estimate_methods(
     hybrid_ns = points_ns(few_points) + view_count * rasterized_ns(facing * ~few_points)
     everything = np.ones_like(few_points)
     # splats cover texels as micro's triangles do, and what is large is cut into few
-    walks = 1 if settings.points is PointStorage.BUFFERED else batch_count
+    walks = 1 if is_replayed and settings.points is PointStorage.BUFFERED else batch_count
     epr_ns = walks * triangles * rates.generate_triangle + view_count * (
         float(facing.sum()) * rates.small_triangle + covered * rates.small_texel + texels * rates.clear_texel
     )

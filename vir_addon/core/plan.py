@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -70,6 +72,8 @@ class PlannedPass:
     """False: nothing can cast; surfaces are looked at for which way they face only"""
     surface_value: float = 1.0
     predicted_ms: float = 0.0
+    kept_map_bytes: int = 0
+    """of the maps that all batches share (core/methods/kept_map.py)"""
 
     @property
     def method_text(self) -> str:
@@ -118,22 +122,22 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     names = unique_pass_names([light.name for light in snapshot.lights])
     bounds = compute_bounds(snapshot)
     in_picture = instances_in_picture(snapshot, bounds)
-    passes: tuple[PlannedPass, ...] = ()
+    jobs: list[_LightJob] = []
     if Effect.SHADOW in settings.effects:
         places_ws = _visible_places(snapshot.camera, bounds.corners_ws[in_picture])
-        passes = tuple(_plan_light(snapshot, light, names[light.name], settings, bounds, in_picture, places_ws) for light in lights)
+        jobs = [_light_job(snapshot, light, names[light.name], settings, bounds, in_picture, places_ws) for light in lights]
     reflections: PlannedReflections | None = None
-    reflected_lights: tuple[PlannedPass, ...] = ()
+    reflected_jobs: list[_LightJob] = []
     if Effect.REFLECTION in settings.effects:
         reflections = _plan_reflections(snapshot, settings, bounds, in_picture)
         if reflections.runs:
-            planned_lights = (_plan_reflected_light(snapshot, light, names[light.name], settings, bounds) for light in snapshot.lights)
-            reflected_lights = tuple(planned for planned in planned_lights if planned is not None)
-    running = [*(planned for planned in passes if planned.runs), *reflected_lights]
+            wanted = (_reflected_light_job(snapshot, light, names[light.name], settings, bounds) for light in snapshot.lights)
+            reflected_jobs = [job for job in wanted if job is not None]
+    view_counts = [job.view_count for job in [*jobs, *reflected_jobs] if job.skipped is None]
     needs_rounds = reflections is not None and reflections.runs
-    has_passes = any(planned.runs for planned in passes)
-    most_views = max((planned.view_count for planned in running), default=0)
-    only_reflects = _only_reflects(passes, reflections)
+    has_passes = any(job.skipped is None for job in jobs)
+    most_views = max(view_counts, default=0)
+    only_reflects = _only_reflects(has_passes, reflections)
     batch_count = _light_batch_count(most_views, settings.map_resolution_px, settings, only_reflects) if most_views else 1
 
     def eye_samples_of(batch_count: int) -> int:
@@ -142,7 +146,6 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     notes = list(snapshot.notes)
     rounds: ReflectionRounds | None = None
     if reflections is not None and reflections.runs:
-        view_counts = [planned.view_count for planned in running]
         rounds = plan_rounds(snapshot, settings, reflections.bounces, batch_count, view_counts, eye_samples_of)
         reflections, batch_count = replace(reflections, bounces=rounds.bounces), rounds.batch_count
         notes += [rounds.note] if rounds.note else []
@@ -150,7 +153,10 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     eye_samples_per_batch = eye_samples_of(batch_count) if rounds is None else rounds.rounds_per_batch
     most_eye_samples = max(MAX_EYE_SAMPLES, settings.reflection_sample_count * needs_rounds)
     eye_sample_count = min(batch_count * eye_samples_per_batch, most_eye_samples)
-    predicted = {planned.light_name: planned.predicted_ms for planned in running}
+    steps = _Steps(batch_count, batch_count * eye_samples_per_batch)
+    passes = _plan_lights(snapshot, jobs, bounds, steps)
+    reflected_lights = _plan_lights(snapshot, reflected_jobs, bounds, steps)
+    predicted = {planned.light_name: planned.predicted_ms for planned in [*passes, *reflected_lights] if planned.runs}
     eye_ms = cost.eye_ms(snapshot, settings, eye_sample_count)
     reflections_ms = reflections.predicted_ms if reflections is not None else 0.0
     return RenderPlan(
@@ -173,9 +179,9 @@ def _plan_reflections(snapshot: SceneSnapshot, settings: Settings, bounds: Scene
     return replace(planned, predicted_ms=predicted_ms)
 
 
-def _plan_reflected_light(
+def _reflected_light_job(
     snapshot: SceneSnapshot, light: Light, pass_name: str, settings: Settings, bounds: SceneBounds
-) -> PlannedPass | None:
+) -> _LightJob | None:
     """How a light reaches what reflectors show, which may be anywhere. None when it lights nothing at all."""
     if light.strength == 0 or not math.isfinite(light.strength):
         return None
@@ -185,17 +191,11 @@ def _plan_reflected_light(
         settings = replace(settings, method=Method.AUTO)
     everything = np.ones(len(snapshot.instances), bool)
     if light.casts_shadow and len(light_casters(snapshot, light)):
-        planned = _plan_light(snapshot, light, pass_name, settings, bounds, everything, bounds.corners_ws.reshape(-1, 3))
-        return planned if planned.runs else None
-    return PlannedPass(
-        light.name,
-        pass_name,
-        runs=True,
-        reason="lights reflected surfaces without shadows",
-        view_count=settings.view_count if light.has_size else 1,
-        map_resolution_px=settings.map_resolution_px,
-        needs_maps=False,
-    )
+        job = _light_job(snapshot, light, pass_name, settings, bounds, everything, bounds.corners_ws.reshape(-1, 3))
+        return job if job.skipped is None else None
+    nowhere = np.zeros((0, 8, 3))
+    view_count = settings.view_count if light.has_size else 1
+    return _LightJob(light, pass_name, settings, view_count, None, nowhere, nowhere[:, 0], casts=False)
 
 
 def settings_for(device: Device, settings: Settings) -> Settings:
@@ -221,7 +221,7 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
     if height_px > limit_px:
         # smaller maps come in larger batches
         reflects = render_plan.reflections is not None and render_plan.reflections.runs
-        only_reflects = _only_reflects(render_plan.passes, render_plan.reflections)
+        only_reflects = _only_reflects(any(planned.runs for planned in render_plan.passes), render_plan.reflections)
 
         def batches_of(px: int) -> int:
             count = _light_batch_count(most_views, px, render_plan.settings, only_reflects)
@@ -234,9 +234,9 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
         )
 
 
-def _only_reflects(passes: tuple[PlannedPass, ...], reflections: PlannedReflections | None) -> bool:
+def _only_reflects(has_passes: bool, reflections: PlannedReflections | None) -> bool:
     """Whether maps are made for what reflectors show alone."""
-    return reflections is not None and reflections.runs and not any(planned.runs for planned in passes)
+    return reflections is not None and reflections.runs and not has_passes
 
 
 def _eye_samples_per_batch(most_views: int, batch_count: int, settings: Settings | None = None) -> int:
@@ -283,7 +283,37 @@ def _chosen_lights(snapshot: SceneSnapshot, settings: Settings) -> list[Light]:
     return lights
 
 
-def _plan_light(
+class _Steps(NamedTuple):
+    """Of a frame, which all of its lights have, whatever they would need on their own."""
+
+    batch_count: int
+    round_count: int
+    """eye samples that share the views"""
+
+
+@dataclass(frozen=True)
+class _LightJob:
+    """What is known of a light before all lights' steps are."""
+
+    light: Light
+    pass_name: str
+    settings: Settings
+    view_count: int
+    skipped: tuple[str, float] | None
+    """as of `_reason_to_skip`"""
+    receiver_boxes: np.ndarray
+    """(n, 8, 3) world space"""
+    places_ws: np.ndarray
+    """(n, 3) of `_visible_places`"""
+    casts: bool = True
+    """False: lights what reflectors show, without shadows"""
+
+    @property
+    def is_filtered(self) -> bool:
+        return self.settings.method is Method.PCSS and self.light.has_size
+
+
+def _light_job(
     snapshot: SceneSnapshot,
     light: Light,
     pass_name: str,
@@ -291,26 +321,50 @@ def _plan_light(
     bounds: SceneBounds,
     in_picture: np.ndarray,
     places_ws: np.ndarray,
-) -> PlannedPass:
-    """in_picture: (instance_count,) bool; places_ws: (n, 3) of `_visible_places`"""
+) -> _LightJob:
+    """in_picture: (instance_count,) bool; places_ws: (n, 3) of `_visible_places`. UsageError if the method cannot do this light"""
     receiver_boxes = bounds.corners_ws[in_picture if light.receivers is None else in_picture & light.receivers]
     skipped = _unwanted(light, settings) or _reason_to_skip(snapshot, light, bool(in_picture.any()), receiver_boxes)
-    if skipped is not None:
-        reason, surface_value = skipped
-        return PlannedPass(light.name, pass_name, runs=False, reason=reason, surface_value=surface_value)
     refusal = _what_the_method_cannot_do(light, settings)
-    if refusal is not None:
+    if skipped is None and refusal is not None:
         raise UsageError(refusal)
-    is_filtered = settings.method is Method.PCSS and light.has_size
     wanted_count = settings.view_count if light.own_view_count is None else light.own_view_count
-    view_count = wanted_count if light.has_size and not is_filtered else 1
-    batch_count = _batch_count(view_count, settings.map_resolution_px, settings.batch_view_count)
-    round_count = batch_count * _eye_samples_per_batch(view_count, batch_count, settings)
+    view_count = wanted_count if light.has_size and settings.method is not Method.PCSS else 1
+    return _LightJob(light, pass_name, settings, view_count, skipped, receiver_boxes, places_ws)
+
+
+def _plan_lights(snapshot: SceneSnapshot, jobs: Sequence[_LightJob], bounds: SceneBounds, steps: _Steps) -> tuple[PlannedPass, ...]:
+    """Lights share the memory for maps that are kept: what does not fit beside those before it is made again for every batch."""
+    planned: list[PlannedPass] = []
+    kept_bytes = 0
+    for job in jobs:
+        planned.append(_plan_light(snapshot, job, bounds, steps, kept_bytes))
+        kept_bytes += planned[-1].kept_map_bytes
+    return tuple(planned)
+
+
+def _plan_light(snapshot: SceneSnapshot, job: _LightJob, bounds: SceneBounds, steps: _Steps, kept_bytes: int) -> PlannedPass:
+    """kept_bytes: of other lights' maps"""
+    light, pass_name, settings, view_count = job.light, job.pass_name, job.settings, job.view_count
+    if job.skipped is not None:
+        reason, surface_value = job.skipped
+        return PlannedPass(light.name, pass_name, runs=False, reason=reason, surface_value=surface_value)
+    if not job.casts:
+        return PlannedPass(
+            light.name,
+            pass_name,
+            runs=True,
+            reason="lights reflected surfaces without shadows",
+            view_count=view_count,
+            map_resolution_px=settings.map_resolution_px,
+            needs_maps=False,
+        )
+    is_filtered, (batch_count, round_count) = job.is_filtered, steps
     taps = round_count * max(settings.blocker_sample_count, settings.filter_sample_count)
     sample_count = taps if is_filtered else view_count
     look_ups_ms = cost.resolve_ms(snapshot, settings, max(sample_count, round_count), round_count)
     reason = _describe(light) if light.has_size else f"{_describe(light)} without size: one view, a hard shadow"
-    if not may_shadow(snapshot, light, bounds, receiver_boxes.reshape(-1, 3), sample_count):
+    if not may_shadow(snapshot, light, bounds, job.receiver_boxes.reshape(-1, 3), sample_count):
         return PlannedPass(
             light.name,
             pass_name,
@@ -323,11 +377,14 @@ def _plan_light(
             method=Method.PCSS if is_filtered else Method.MVR,
             predicted_ms=look_ups_ms,
         )
-    faces, face_count = _likely_faces(snapshot, light, bounds, places_ws, settings.map_resolution_px)
+    faces, face_count = _likely_faces(snapshot, light, bounds, job.places_ws, settings.map_resolution_px)
     has_cut_outs = any(snapshot.meshes[index].opacity_map is not None for index in _caster_meshes(snapshot, light))
+    map_bytes = len(faces) * BYTES_PER_TEXEL * settings.map_resolution_px**2 * (view_count == 1 and not has_cut_outs)
+    is_kept = 0 < map_bytes <= (settings.replay_buffer_mib << 20) - kept_bytes
     # where there are fewer views than batches each batch shows one again
-    turns = 1 if view_count == 1 and not has_cut_outs and _may_keep_maps(len(faces), settings) else batch_count
-    estimates = cost.estimate_methods(snapshot, light, max(view_count, turns), settings, bounds, faces, turns)
+    turns = 1 if is_kept else batch_count
+    # what a map that is to be kept was made of is let go of
+    estimates = cost.estimate_methods(snapshot, light, max(view_count, turns), settings, bounds, faces, turns, is_replayed=not map_bytes)
     look_ups_ms = cost.filter_ms(snapshot, settings, round_count) if is_filtered else face_count * look_ups_ms
     if settings.method is Method.AUTO:
         # what the rasterizer draws into splatted maps loses half a texel at every outline, and lace is nothing but outlines
@@ -356,12 +413,8 @@ def _plan_light(
         view_count=view_count,
         map_resolution_px=settings.map_resolution_px,
         predicted_ms=estimates[method] + look_ups_ms,
+        kept_map_bytes=map_bytes * is_kept,
     )
-
-
-def _may_keep_maps(count: int, settings: Settings) -> bool:
-    """One of each of a light's faces (core/methods/kept_map.py), as far as this light is concerned"""
-    return count * BYTES_PER_TEXEL * settings.map_resolution_px**2 <= settings.replay_buffer_mib << 20
 
 
 def _what_the_method_cannot_do(light: Light, settings: Settings) -> str | None:
