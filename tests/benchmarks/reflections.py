@@ -25,7 +25,7 @@ from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL, ReflectionMap
 from vir_addon.core.plan import plan, settings_for
 from vir_addon.core.reflections.work import ReflectionWork
 from vir_addon.core.render import Renderer, render
-from vir_addon.core.scene import SceneSnapshot
+from vir_addon.core.scene import FilterShape, PixelFilter, SceneSnapshot
 from vir_addon.core.settings import Effect, ReflectionMethod, Settings
 from vir_addon.device.interface import Device
 from vir_addon.device.open import open_device
@@ -75,7 +75,12 @@ def scene_of(reflector_count: int, triangle_count: int, width_px: int, distance_
     camera = perspective_camera((0.5, -distance_m, 0.55 * distance_m), (0, 0, 0.6), width_px, height_px, 0.35)
     light = point_light(eye=(0, -2, 8), radius_m=0.0, strength=400.0)
     world = World((0.3, 0.35, 0.4))
-    return snapshot(meshes, [light], camera, width_px, height_px, transforms=np.array(transforms), materials=materials, world=world)
+    # the reference is a mean over whole pixels, so rays are spread over them, too
+    whole_pixels = PixelFilter(FilterShape.BOX, 1.0)
+    size = width_px, height_px
+    return snapshot(
+        meshes, [light], camera, *size, transforms=np.array(transforms), materials=materials, world=world, pixel_filter=whole_pixels
+    )
 
 
 def settings_with(method: ReflectionMethod, sample_count: int = 1, **choices: Any) -> Settings:
