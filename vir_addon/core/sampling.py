@@ -166,12 +166,17 @@ def _filter_density(shape: FilterShape, x: np.ndarray) -> np.ndarray:
     return np.ones_like(x)
 
 
+MAX_UNSHUFFLED_OFFSETS = 16
+"""so many were measured to be no better shuffled"""
+
+
 def pixel_offsets(pixel_filter: PixelFilter, count: int) -> np.ndarray:
-    """(count, 2) float64 pixels from the pixel's centre, distributed as the filter (so that plain averaging filters). In an order of their
-    own: in that of the light's points, each would lie in its pixel as the points that it sees lie in their parts of the light."""
+    """(count, 2) float64 pixels from the pixel's centre, distributed as the filter (so that plain averaging filters). Many come in an order
+    of their own: in that of the light's points, each would lie in its pixel as the points that it sees lie in their parts of the light."""
     if count == 1:
         return np.zeros((1, 2))
-    points = shuffled_unit_square_points(count, stable_seed("filter"))
+    points_of = shuffled_unit_square_points if count > MAX_UNSHUFFLED_OFFSETS else unit_square_points
+    points = points_of(count, stable_seed("pixel"))
     grid = np.linspace(-0.5, 0.5, 1025)
     density = _filter_density(pixel_filter.shape, 0.5 * (grid[1:] + grid[:-1]))
     cumulative = np.concatenate([[0], np.cumsum(density)])
