@@ -475,3 +475,18 @@ def test_colours_of_premultiplied_files(add, take, tmp_path, is_packed):
     square(add, nodes)
     expected = linear(np.array(128 / 153 if is_packed else 128 / 255))
     np.testing.assert_allclose(opacities(only_mesh(take())), expected, atol=4e-3)
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.5])
+def test_colours_of_premultiplied_floats(add, take, tmp_path, alpha):
+    """Gray as it is in the file, also where it covers nothing."""
+    path = tmp_path / "image.exr"
+    rgba = np.full((2, 2, 4), (0.4, 0.4, 0.4, alpha), np.float32)
+    pytest.importorskip("OpenEXR").File({}, {"RGBA": rgba}).write(str(path))
+    image = bpy.data.images.load(str(path))
+    assert image.alpha_mode == "PREMUL"
+    image.colorspace_settings.name = "Linear Rec.709"
+    nodes = Nodes()
+    mixed(nodes, nodes.texture(image).outputs["Color"], "BsdfTransparent", "BsdfDiffuse")
+    square(add, nodes)
+    np.testing.assert_allclose(opacities(only_mesh(take())), 0.4, atol=4e-3)

@@ -102,8 +102,8 @@ def take_pixels(image: bpy.types.Image, *, is_color: bool) -> ImagePixels:
 
 
 def _unmultiplied_colors(image: ImagePixels) -> None:
-    """Makes the pixels' colours those of the file, but not multiplied by alpha. Blender's floats are linear and always multiplied by alpha,
-    its bytes never, whatever the file holds."""
+    """Makes the pixels' colours those of the file, but not multiplied by alpha where there is any. Blender's floats are linear and always
+    multiplied by alpha, its bytes never, whatever the file holds."""
     if not (image.differs_from_file and image.is_float) or image.is_data:
         return
     has_alpha = image.pixels.shape[2] in (2, 4)
@@ -113,6 +113,12 @@ def _unmultiplied_colors(image: ImagePixels) -> None:
         np.divide(colors, alpha, out=colors, where=alpha > 0.0)
     if image.is_srgb:
         colors[...] = _linear_to_srgb(colors)
+
+
+def _times_alpha(colors: np.ndarray, alpha: np.ndarray, image: ImagePixels) -> np.ndarray:
+    """Glow, which covers nothing and has been multiplied by nothing, stays; among bytes Blender has lost it."""
+    keeps_glow = image.alpha_mode == "PREMUL" and image.is_float
+    return np.where(alpha > 0.0, colors * alpha, colors) if keeps_glow else colors * alpha
 
 
 def texels_of(image: ImagePixels, channel: Channel) -> tuple[np.ndarray, str]:
@@ -137,7 +143,7 @@ def texels_of(image: ImagePixels, channel: Channel) -> tuple[np.ndarray, str]:
     else:
         values = _gray(pixels[..., :3], is_encoded=image.is_srgb)
     if channel is Channel.GRAY_TIMES_ALPHA:
-        values = values * alpha
+        values = _times_alpha(values, alpha, image)
     return np.round(np.clip(np.nan_to_num(values), 0.0, 1.0) * 255).astype(np.uint8), note
 
 
@@ -158,9 +164,11 @@ def colors_of(image: ImagePixels, max_side_px: int, max_bytes: int) -> tuple[Ima
     channel_count = pixels.shape[2]
     has_alpha = channel_count in (2, 4) and image.alpha_mode != "NONE" and bool((pixels[..., -1] < 1.0).any())
     is_packed = image.alpha_mode == "CHANNEL_PACKED" or image.is_data
-    _unmultiplied_colors(image)
-    if has_alpha and not is_packed and (image.alpha_mode == "STRAIGHT" or image.differs_from_file):
-        pixels[..., :-1] *= pixels[..., -1:]
+    is_multiplied = image.is_float and image.alpha_mode == "PREMUL" and not image.is_srgb
+    if not is_multiplied:
+        _unmultiplied_colors(image)
+    if has_alpha and not is_packed and not is_multiplied and (image.alpha_mode == "STRAIGHT" or image.differs_from_file):
+        pixels[..., :-1] = _times_alpha(pixels[..., :-1], pixels[..., -1:], image)
         if not image.is_float and image.alpha_mode == "STRAIGHT":
             # Cycles rounds products of bytes down, which shows where little is left
             pixels[..., :-1] = np.floor(pixels[..., :-1] * np.float32(255) + np.float32(1e-3)) / np.float32(255)
