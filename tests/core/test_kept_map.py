@@ -26,6 +26,7 @@ from vir_addon.core.cost import resolve_ms
 from vir_addon.core.light_work import MapStore
 from vir_addon.core.methods.hybrid import HybridRasterization
 from vir_addon.core.methods.ivir import ImprovedViewIndependentRasterization
+from vir_addon.core.methods.kept_map import KeptMap
 from vir_addon.core.methods.micro import MicroTriangleRasterization
 from vir_addon.core.methods.mvr import MultiviewRasterization
 from vir_addon.core.passes.shadow_maps import MAX_BATCH_VIEWS
@@ -179,14 +180,29 @@ def forecasts_ms(lights, method, **settings):
     return {line.light_name: line.predicted_ms - look_ups_ms for line in work.passes if line.view_count == 1}
 
 
-def test_plan_forecasts_that_lights_share_the_memory_for_their_maps():
-    """A map of 2048 x 2048 takes 16 MiB: there is room for that of the first."""
-    suns = [sun_light(name, angle_rad=0) for name in ("A", "B", "C")]
-    kept = forecasts_ms(suns, Method.MVR, replay_buffer_mib=64)
-    assert kept["A"] == pytest.approx(kept["C"])
-    scarce = forecasts_ms(suns, Method.MVR, replay_buffer_mib=20)
-    assert scarce["A"] == pytest.approx(kept["A"])
-    assert scarce["B"] == pytest.approx(BATCHES * kept["B"]) and scarce["C"] == pytest.approx(scarce["B"])
+@pytest.mark.parametrize(("replay_buffer_mib", "kept_count", "light_count"), [(20, 1, 3), (36, 2, 3), (52, 3, 4), (64, 4, 4)])
+def test_lights_share_the_memory_for_their_maps_as_forecast(device, monkeypatch, replay_buffer_mib, kept_count, light_count):
+    """A map of 2048 x 2048 takes 16 MiB: what does not fit beside those before it pushes none of them out."""
+    suns = [sun_light(name, angle_rad=0) for name in "ABCD"[:light_count]]
+    made = collections.Counter()
+
+    class Counted(KeptMap):
+        def __init__(self, job, maker):
+            super().__init__(job, maker)
+            self.light_name = job.light.name
+
+        def _make(self):
+            made[self.light_name] += 1
+            super()._make()
+
+    monkeypatch.setattr(methods, "KeptMap", Counted)
+    settings = {"method": Method.MVR, "replay_buffer_mib": replay_buffer_mib}
+    with prepared_renderer(scene_of(suns), device, map_resolution_px=2048, **settings) as renderer:
+        render_batches(renderer)
+    assert [made[sun.name] for sun in suns] == [1] * kept_count + [BATCHES] * (light_count - kept_count)
+    once = forecasts_ms(suns[:1], **settings)["A"]
+    for name, predicted_ms in forecasts_ms(suns, **settings).items():
+        assert predicted_ms == pytest.approx(made[name] * once)
 
 
 @pytest.mark.parametrize("method", [Method.MICRO, Method.IVIR])

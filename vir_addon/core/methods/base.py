@@ -153,6 +153,7 @@ class ReplayMethod(DepthMapMethod):
 
     def _hold(self) -> None:
         """Before every use of what is replayed."""
+        self.shared.begin_turn(self)
         if not self._is_held:
             self._make()
         self.shared.touch(self)

@@ -61,14 +61,15 @@ class UnseenTarget:
 
 
 class SharedByFaces:
-    """`Settings.replay_buffer_mib` is for all lights together. What does not fit beside what other faces keep pushes out what was used
-    last before it: faces take turns, so those used longest ago are needed next."""
+    """`Settings.replay_buffer_mib` is for all lights together. What does not fit beside what other faces keep is a guest: let go of when
+    the next face's turn comes, and made again in its own. Faces take turns: would it push out others, these would be made again, too."""
 
     def __init__(self, device: Device, settings: Settings) -> None:
         self.device = device
         self.budget_bytes = settings.replay_buffer_mib << 20
         self._keepers: list[ReplayKeeper] = []
-        """those that hold something, the one used last at the end"""
+        """those that hold something"""
+        self._guest: ReplayKeeper | None = None
 
     @cached_property
     def point_scratch(self) -> PointScratch:
@@ -84,16 +85,34 @@ class SharedByFaces:
         """of `ivir` with points from the rasterizer"""
         return UnseenTarget(self.device, LATTICE_VIEWPORT_PX)
 
+    def begin_turn(self, keeper: ReplayKeeper) -> None:
+        """Before a face's memory is made or used: let go of that of a guest, unless others have left it room."""
+        guest = self._guest
+        if guest is not None and guest is not keeper:
+            is_over_budget = self._is_over_budget
+            self.forget(guest)
+            if is_over_budget:
+                guest.drop()
+            else:
+                self._keepers.append(guest)
+
     def touch(self, keeper: ReplayKeeper) -> None:
-        """Note that a face's memory is in use, and let go of that of others beyond the budget."""
+        """Note that a face's memory is in use."""
+        self.begin_turn(keeper)
         self.forget(keeper)
         self._keepers.append(keeper)
-        while len(self._keepers) > 1 and sum(each.held_bytes for each in self._keepers) > self.budget_bytes:
-            self._keepers.pop(-2).drop()
+        if self._is_over_budget:
+            self._guest = keeper
+
+    @property
+    def _is_over_budget(self) -> bool:
+        return sum(each.held_bytes for each in self._keepers) > self.budget_bytes
 
     def forget(self, keeper: ReplayKeeper) -> None:
         if keeper in self._keepers:
             self._keepers.remove(keeper)
+        if keeper is self._guest:
+            self._guest = None
 
     def release(self) -> None:
         for name in ("point_scratch", "source_target", "lattice_target"):
