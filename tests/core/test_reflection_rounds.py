@@ -23,6 +23,7 @@ from tests.scenes import (
     snapshot,
 )
 from vir_addon.core import render
+from vir_addon.core.cost import eye_ms
 from vir_addon.core.errors import UsageError
 from vir_addon.core.light_work import LightWork
 from vir_addon.core.material import World
@@ -222,6 +223,13 @@ def test_shadows_are_those_without_reflections_where_other_maps_would_be_coarser
     assert np.count_nonzero(expected["VIR Shadow Key"] < 0.9) > 10
     for name, image in expected.items():
         np.testing.assert_array_equal(passes[name], image)
+
+
+def test_the_forecast_counts_both_sets_of_maps():
+    both = plan(mirrored_scene(), Settings(effects=BOTH, view_count=16, reflection_sample_count=8))
+    assert both.passes[0].predicted_ms > 0 and both.reflected_lights[0].predicted_ms > 0
+    others_ms = both.reflections.predicted_ms + eye_ms(mirrored_scene(), both.settings, both.eye_sample_count)
+    assert both.predicted_ms == pytest.approx(both.passes[0].predicted_ms + both.reflected_lights[0].predicted_ms + others_ms)
 
 
 def test_one_set_of_maps_serves_both_where_it_is_as_fine(device):

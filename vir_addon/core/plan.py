@@ -156,7 +156,8 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     steps = _Steps(batch_count, batch_count * eye_samples_per_batch)
     passes = _plan_lights(snapshot, jobs, bounds, steps)
     reflected_lights = _plan_lights(snapshot, reflected_jobs, bounds, steps)
-    predicted = {planned.light_name: planned.predicted_ms for planned in [*passes, *reflected_lights] if planned.runs}
+    # as if each light had two sets of maps: whether one serves both is known when surfaces are
+    lights_ms = sum(planned.predicted_ms for planned in [*passes, *reflected_lights])
     eye_ms = cost.eye_ms(snapshot, settings, eye_sample_count)
     reflections_ms = reflections.predicted_ms if reflections is not None else 0.0
     return RenderPlan(
@@ -167,7 +168,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
         eye_samples_per_batch=eye_samples_per_batch,
         eye_sample_count=eye_sample_count,
         notes=tuple(notes),
-        predicted_ms=sum(predicted.values()) + eye_ms + reflections_ms,
+        predicted_ms=lights_ms + eye_ms + reflections_ms,
         reflections=reflections,
         reflected_lights=reflected_lights,
     )
