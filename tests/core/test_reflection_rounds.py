@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,13 +23,14 @@ from tests.scenes import (
     rmse,
     snapshot,
 )
-from vir_addon.core import render
+from vir_addon.core import light_work, reach, render
 from vir_addon.core.cost import eye_ms
 from vir_addon.core.errors import UsageError
-from vir_addon.core.light_work import LightWork
+from vir_addon.core.light_work import LightWork, fit_both
 from vir_addon.core.material import World
 from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL
 from vir_addon.core.plan import check_device, plan
+from vir_addon.core.reach import select_receivers
 from vir_addon.core.reflections import work as reflection_work
 from vir_addon.core.reflections.reflectors import memory_for_maps
 from vir_addon.core.reflections.rounds import MAX_HITS_MIB, hits_mib, plan_rounds
@@ -178,13 +180,12 @@ def test_a_note_says_that_a_texture_holds_too_little_for_the_maps(device, monkey
 
 def test_lights_are_fitted_to_what_rough_reflectors_may_show_in_later_batches(device, monkeypatch):
     fitted = []
-    original = LightWork.fitting
 
-    def fitting(self, positions, normals, stopwatch):
+    def select(positions, normals, light):
         fitted.append(positions[positions[..., 3] >= 0][:, :3])
-        return original(self, positions, normals, stopwatch)
+        return select_receivers(positions, normals, light)
 
-    monkeypatch.setattr(LightWork, "fitting", fitting)
+    monkeypatch.setattr(light_work, "select_receivers", select)
     with prepared_renderer(mirrored_scene(32, 18, roughness=0.3), device, effects=(Effect.REFLECTION,), view_count=8) as renderer:
         reflections, outside, count = renderer.reflections, 0, 0
         low, high = fitted[0].min(axis=0), fitted[0].max(axis=0)
@@ -202,12 +203,16 @@ def test_lights_are_fitted_to_what_rough_reflectors_may_show_in_later_batches(de
         assert outside < 0.01 * count
 
 
-def test_shadows_are_those_without_reflections_where_other_maps_would_be_coarser(device):
+def split_scene():
     """What stands behind the camera is in the mirror alone. (A mirror with a shadow would take large maps itself.)"""
     more = [box("over the box", (0.2, 0.1, 1.2), (0.1, 0.1, 0.02)), box("behind", (-1.0, -2.0, 0.3), (0.3, 0.3, 0.3))]
     scene = mirrored_scene(more=more)
     casts_shadow = np.array([mesh.name != "wall" for mesh in scene.meshes])
-    scene = dataclasses.replace(scene, instances=dataclasses.replace(scene.instances, casts_shadow=casts_shadow))
+    return dataclasses.replace(scene, instances=dataclasses.replace(scene.instances, casts_shadow=casts_shadow))
+
+
+def test_shadows_are_those_without_reflections_where_other_maps_would_be_coarser(device):
+    scene = split_scene()
     settings = {"view_count": 16, "map_resolution_px": 256, "reflection_sample_count": 8}
     alone = plan(scene, Settings(effects=(Effect.SHADOW,), **settings))
     both = plan(scene, Settings(effects=BOTH, **settings))
@@ -216,6 +221,7 @@ def test_shadows_are_those_without_reflections_where_other_maps_would_be_coarser
         of_picture, of_reflections = renderer.works
         assert of_picture.has_pass and not of_picture.lights_reflections
         assert of_reflections.lights_reflections and not of_reflections.has_pass
+        assert of_picture.accumulator.round_sums.width == scene.width_px and of_reflections.accumulator.round_sums.width == 1
         for batch in range(both.batch_count):
             device.run(renderer.render_batch, batch)
         assert renderer.views_done(both.batch_count) == renderer.views_total == 16
@@ -238,8 +244,38 @@ def test_one_set_of_maps_serves_both_where_it_is_as_fine(device):
         assert work.has_pass and work.lights_reflections
 
 
-def test_what_reflectors_show_is_thinned_out_together_with_the_picture(device, monkeypatch):
-    """Their rows have to be as long."""
+@pytest.mark.parametrize(("scene", "fit_count"), [(split_scene(), 3), (mirrored_scene(), 2)])
+def test_the_pass_counts_the_time_of_fitting_to_both(device, monkeypatch, scene, fit_count):
+    fit_views, calls = light_work.fit_views, []
+
+    def slow(*arguments):
+        calls.append(arguments)
+        time.sleep(0.2)
+        return fit_views(*arguments)
+
+    monkeypatch.setattr(light_work, "fit_views", slow)
+    with prepared_renderer(scene, device, effects=BOTH, view_count=16, map_resolution_px=256) as renderer:
+        assert len(renderer.works) == fit_count - 1
+        (statistics,) = renderer.statistics.passes
+        assert statistics.stage_ms["points"] >= 400
+    assert len(calls) == fit_count
+
+
+def test_many_pictures_of_what_is_seen_call_for_no_maps_of_their_own(device, monkeypatch):
+    """They are looked at in larger steps, of which a margin is made."""
+    scene = mirrored_scene(160, 90, more=[box("roof", (0.0, 0.0, 2.0), (3.0, 3.0, 0.02))])
+    monkeypatch.setattr(reach, "MAX_RECEIVER_PIXELS", 160 * 90)
+    with prepared_renderer(scene, device, effects=BOTH, view_count=16) as renderer:
+        in_picture = tuple(renderer.device.read(buffer) for buffer in renderer.eye.buffers[0])
+        (planned,), (light,) = renderer.plan.passes, scene.lights
+        arguments = planned, planned, light, renderer.plan, renderer.scene_data, in_picture
+        alone, _ = fit_both(*arguments, in_picture)
+        fit, serves_both = fit_both(*arguments, tuple(np.concatenate(32 * [texels]) for texels in in_picture))
+    assert serves_both
+    assert 1.1 < alone.texel_growth(fit) < 1.5
+
+
+def test_what_reflectors_show_may_be_thinned_out_more_than_the_picture(device, monkeypatch):
     scene, settings = mirrored_scene(65, 37), {"effects": BOTH, "view_count": 8}
     whole = render_passes(scene, device, **settings)["VIR Shadow Key"]
     monkeypatch.setattr(reflection_work, "MAX_FITTED_HITS", 65 * 37 // 4)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from .passes.resolve import DELIVERED_FLAGS, FIRST_FACE, LAST_FACE, RESOLVE, TIL
 from .passes.scene_data import SceneData
 from .passes.shadow_maps import MAX_BATCH_VIEWS, DepthMaps, face_table, samples_table, views_table
 from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
-from .reach import select_receivers
+from .reach import Receivers, select_receivers
 from .reflections.work import Hits, ReflectionWork
 from .sampling import light_samples, sample_weights
 from .scene import Light, LightShape
@@ -35,6 +35,58 @@ LightFace = tuple[FittedFace, np.ndarray, DepthMapMethod | None]
 """with its table for the kernels; without a method where nothing casts"""
 Places = tuple[np.ndarray, np.ndarray]
 """positions and normals of an eye G-buffer, (height, width, 4) each"""
+MAX_TEXEL_GROWTH = 1.1
+"""of a light's maps by reaching over what reflectors show as well; one step of the ladder of texel sizes is 1.09"""
+
+
+@dataclass(frozen=True)
+class LightFit:
+    """A light's views, fitted to surfaces."""
+
+    faces: list[FittedFace]
+    is_cube: bool
+    culled: np.ndarray
+    """(instance_count,) bool of `cullable_instances`"""
+
+    def texel_growth(self, wider: LightFit) -> float:
+        """How many times as large texels are that reach over more than these surfaces."""
+        before, after = (
+            {face.views.face.index: max(face.views.texel_tangent) for face in fit.faces if face.views.map_width_px} for fit in (self, wider)
+        )
+        if self.is_cube != wider.is_cube:
+            return max(after.values(), default=0.0) / max(before.values(), default=math.inf)
+        return max((after.get(index, 0.0) / tangent for index, tangent in before.items()), default=0.0)
+
+
+def fit_views(planned: PlannedPass, light: Light, plan: RenderPlan, scene_data: SceneData, receivers: Receivers) -> LightFit:
+    snapshot, light = scene_data.snapshot, _as_it_casts(light, scene_data)
+    samples_m, taps = light_samples(light, planned.view_count), _taps(planned, light, plan)
+    pixels = scene_data.eye_pixels if planned.method is Method.EPR else None
+    searched_m = taps.samples_m if taps else None
+    faces, is_cube = fit_light(snapshot, light, samples_m, plan.bounds, receivers, planned.map_resolution_px, pixels, searched_m)
+    hull = None if light.shape is LightShape.SUN else light_hull(light, samples_m)
+    return LightFit(faces, is_cube, cullable_instances(snapshot, plan.bounds, hull))
+
+
+def fit_places(planned: PlannedPass, light: Light, plan: RenderPlan, scene_data: SceneData, places: Places) -> LightFit:
+    return fit_views(planned, light, plan, scene_data, select_receivers(*places, light))
+
+
+def fit_both(
+    own: PlannedPass, joint: PlannedPass, light: Light, plan: RenderPlan, scene_data: SceneData, in_picture: Places, reflected: Places
+) -> tuple[LightFit, bool]:
+    """To the picture and to what reflectors show, True; or to the picture alone, False, where maps that reach over both would have
+    larger texels. own: as planned for the picture; joint: for both"""
+    seen, shown = (select_receivers(*places, light) for places in (in_picture, reflected))
+    fit = fit_views(own, light, plan, scene_data, seen)
+    both = Receivers(np.concatenate([seen.points_ws, shown.points_ws]), seen.margin)
+    wider = fit_views(joint, light, plan, scene_data, both)
+    if fit.texel_growth(wider) > MAX_TEXEL_GROWTH:
+        return fit, False
+    if shown.margin > seen.margin:
+        # what is looked at in larger steps has a wider margin, which says nothing of where it lies
+        wider = fit_views(joint, light, plan, scene_data, replace(both, margin=shown.margin))
+    return wider, True
 
 
 class MapStore(Shared):
@@ -122,19 +174,15 @@ class LightWork(Shared):
         """has_pass: whether the picture is looked up; lights_reflections: whether what reflectors show is"""
         snapshot = scene_data.snapshot
         self.has_pass, self.lights_reflections = has_pass, lights_reflections
-        self.planned, self.light, self.plan, self.scene_data, self.store = planned, light, plan, scene_data, store
-        if not light.casts_shadow:
-            self.light = replace(light, blockers=np.zeros(len(snapshot.instances), bool))
+        self.planned, self.plan, self.scene_data, self.store = planned, plan, scene_data, store
+        self.light = _as_it_casts(light, scene_data)
         self.device = scene_data.device
         self.batches_done = 0
         self.is_between_batches = False
         """fitted, and not in the middle of a batch"""
         self.samples_m = light_samples(self.light, planned.view_count)
         self.sample_weights = sample_weights(self.light, self.samples_m)
-        self.taps: LightTaps | None = None
-        """of a light with size that has one map"""
-        if planned.method is Method.PCSS and self.light.has_size:
-            self.taps = LightTaps(self.light, plan.settings, plan.batch_count * plan.eye_samples_per_batch)
+        self.taps = _taps(planned, self.light, plan)
         self.look_up = RESOLVE
         self.resolve_flags = list(planned.method.resolve_flags)
         if self.light.shape.is_omni:
@@ -144,7 +192,9 @@ class LightWork(Shared):
             self.resolve_flags.append("ORTHOGRAPHIC")
         self.receivers = store.no_receivers
         with Owned() as owned:
-            self.accumulator = owned.own(PassAccumulator(self.device, snapshot.width_px, snapshot.height_px))
+            # kernels are bound to sums also where nothing is added
+            size = (snapshot.width_px, snapshot.height_px) if has_pass else (1, 1)
+            self.accumulator = owned.own(PassAccumulator(self.device, *size))
             if self.light.receivers is not None:
                 rows = np.zeros((len(self.light.receivers), 4), np.float32)
                 rows[:, 0] = self.light.receivers
@@ -169,14 +219,15 @@ class LightWork(Shared):
 
     def fit(self, positions: np.ndarray, normals: np.ndarray, stopwatch: Stopwatch) -> None:
         """Fit the views to the surfaces of an eye G-buffer, (height, width, 4) each, and make what all batches share."""
-        run_steps(self.fitting(positions, normals, stopwatch))
+        with stopwatch.stage("points"):
+            fit = fit_places(self.planned, self.light, self.plan, self.scene_data, (positions, normals))
+        run_steps(self.fitting(fit, stopwatch))
 
-    def fitting(self, positions: np.ndarray, normals: np.ndarray, stopwatch: Stopwatch) -> Steps:
-        """`fit`, face by face."""
-        fitted_faces, is_cube, culled = yield stopwatch.host_work("points", self._fit_views, positions, normals)
+    def fitting(self, fit: LightFit, stopwatch: Stopwatch) -> Steps:
+        """Make what all batches share, face by face."""
         if self.light.shape is not LightShape.SUN:
-            self.reference_m = max((fitted.views.far_m for fitted in fitted_faces), default=1.0)
-        self.faces = [self._face(fitted, culled) for fitted in fitted_faces]
+            self.reference_m = max((fitted.views.far_m for fitted in fit.faces), default=1.0)
+        self.faces = [self._face(fitted, fit.culled) for fitted in fit.faces]
         if self.taps and self.faces:
             self.look_up = PERCENTAGE_CLOSER
             self.statistics.blocker_sample_count, self.statistics.filter_sample_count = self.taps.counts
@@ -185,7 +236,7 @@ class LightWork(Shared):
         self.masks = [1 << fitted.views.face.index for fitted, _, _ in self.mapped]
         if self.mapped:
             self.masks[0] |= sum(1 << fitted.views.face.index for fitted, _, method in self.faces if method is None)
-        if is_cube and (len(self.masks) > 1 or self.taps):
+        if fit.is_cube and (len(self.masks) > 1 or self.taps):
             # what lies in faces without casters lies beyond a single map's window, where all is lit anyway
             self.resolve_flags.append("MANY_FACES")
         for _, _, method in self.faces:
@@ -193,10 +244,10 @@ class LightWork(Shared):
                 yield None
                 with stopwatch.stage("points"):
                     method.prepare()
-        for fitted in fitted_faces:
+        for fitted in fit.faces:
             self.store.make_room(fitted.views.map_width_px, fitted.views.map_height_px)
         self.statistics.map_resolution_px = max(
-            (max(fitted.views.map_width_px, fitted.views.map_height_px) for fitted in fitted_faces), default=0
+            (max(fitted.views.map_width_px, fitted.views.map_height_px) for fitted in fit.faces), default=0
         )
         if not any(method for _, _, method in self.faces):
             self.statistics.method = "none"
@@ -204,27 +255,6 @@ class LightWork(Shared):
                 self.statistics.reason = f"{self.planned.reason}; {NO_MAP_REASON}"
         self._update_statistics()
         self.is_between_batches = True
-
-    def texel_growth(self, places: Places, more: Places) -> float:
-        """How many times as large texels get over some surfaces if maps reach over more of them, which include the first."""
-        (fitted, is_cube, _), (joint, is_joint_cube, _) = self._fit_views(*places), self._fit_views(*more)
-        before, after = (
-            {face.views.face.index: max(face.views.texel_tangent) for face in faces if face.views.map_width_px} for faces in (fitted, joint)
-        )
-        if is_cube != is_joint_cube:
-            return max(after.values(), default=0.0) / max(before.values(), default=math.inf)
-        return max((after.get(index, 0.0) / tangent for index, tangent in before.items()), default=0.0)
-
-    def _fit_views(self, positions: np.ndarray, normals: np.ndarray) -> tuple[list[FittedFace], bool, np.ndarray]:
-        """As of `fit_light`, and (instance_count,) bool of `cullable_instances`."""
-        snapshot, bounds = self.scene_data.snapshot, self.plan.bounds
-        receivers = select_receivers(positions, normals, self.light)
-        pixels = self.scene_data.eye_pixels if self.planned.method is Method.EPR else None
-        searched_m = self.taps.samples_m if self.taps else None
-        resolution_px = self.planned.map_resolution_px
-        fitted_faces, is_cube = fit_light(snapshot, self.light, self.samples_m, bounds, receivers, resolution_px, pixels, searched_m)
-        hull = None if self.light.shape is LightShape.SUN else light_hull(self.light, self.samples_m)
-        return fitted_faces, is_cube, cullable_instances(snapshot, bounds, hull)
 
     def _face(self, fitted: FittedFace, culled: np.ndarray) -> LightFace:
         table = face_table(fitted.views, self.light, self.reference_m)
@@ -438,6 +468,17 @@ class LightWork(Shared):
 
     def _free(self) -> None:
         self._owned.close()
+
+
+def _as_it_casts(light: Light, scene_data: SceneData) -> Light:
+    return light if light.casts_shadow else replace(light, blockers=np.zeros(len(scene_data.snapshot.instances), bool))
+
+
+def _taps(planned: PlannedPass, light: Light, plan: RenderPlan) -> LightTaps | None:
+    """Of a light with size that has one map."""
+    if planned.method is not Method.PCSS or not light.has_size:
+        return None
+    return LightTaps(light, plan.settings, plan.batch_count * plan.eye_samples_per_batch)
 
 
 def _views_of_part(view_count: int, part: int, parts: int) -> range:

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..device.interface import Device, Texture
 from ..device.owned import Owned
-from .light_work import LightWork, MapStore, Places
+from .light_work import LightFit, LightWork, MapStore, Places, fit_both, fit_places
 from .pass_set import (
     COMBINED_PASS_NAME,
     REFLECTION_COLOR_PASS_NAME,
@@ -49,8 +49,6 @@ from .stopwatch import OnStage, Stopwatch
 
 LEAST_SEEN_SAMPLES = 4
 """of a pixel, by which reflectors are found"""
-MAX_TEXEL_GROWTH = 1.1
-"""of a light's maps by reaching over what reflectors show as well; one step of the ladder of texel sizes is 1.09"""
 
 
 @dataclass
@@ -130,13 +128,6 @@ def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device, on_stage: 
                 progress.keep()
                 raise
         progress.keep()
-
-
-def _together(in_picture: Places, reflected: Places) -> Places:
-    """What reflectors show may be every other row and column only; then of the picture, too."""
-    step = -(-in_picture[0].shape[1] // reflected[0].shape[1])
-    positions, normals = (np.concatenate([mine[::step, ::step], other]) for mine, other in zip(in_picture, reflected, strict=True))
-    return positions, normals
 
 
 class Renderer:
@@ -321,26 +312,28 @@ class Renderer:
         """One work for the picture and what reflectors show, or two where maps that reach over both would have larger texels."""
         light = next(light for light in self.snapshot.lights if light.name == planned.light_name)
         own = next((each for each in self.plan.passes if each.runs and each.light_name == light.name), None)
-        arguments = light, self.plan, scene_data, store
-        work = self._owned.own(LightWork(planned, *arguments, has_pass=own is not None, lights_reflections=reflected is not None))
-        places = in_picture if reflected is None else reflected
-        if own is not None and reflected is not None:
-            joint = _together(in_picture, reflected)
+        arguments = light, self.plan, scene_data
+        sets: list[tuple[PlannedPass, LightFit, bool, bool]] = []
+        own_ms: dict[str, float] = {}
+        serves_both = False
+        if own is not None:
+            with self.stopwatch.billed_to(own_ms, light.name):
+                if reflected is None:
+                    fit = yield self.stopwatch.host_work("points", fit_places, own, *arguments, in_picture)
+                else:
+                    fit, serves_both = yield self.stopwatch.host_work("points", fit_both, own, planned, *arguments, in_picture, reflected)
+            sets.append((planned if serves_both else own, fit, True, serves_both))
+        if reflected is not None and not serves_both:
+            fit = yield self.stopwatch.host_work("points", fit_places, planned, *arguments, reflected)
+            sets.append((planned, fit, False, True))
+        for made_as, fit, has_pass, lights_reflections in sets:
+            work = self._owned.own(LightWork(made_as, *arguments, store, has_pass, lights_reflections))
+            if has_pass:
+                work.statistics.stage_ms |= own_ms
+            self.works.append(work)
             with self._billed_to(work):
-                growth = yield self.stopwatch.host_work("points", work.texel_growth, in_picture, joint)
-            if growth <= MAX_TEXEL_GROWTH:
-                places = joint
-            else:
-                work.has_pass = False
-                of_picture = self._owned.own(LightWork(own, *arguments))
-                self.works.append(of_picture)
-                with self._billed_to(of_picture):
-                    yield from of_picture.fitting(*in_picture, self.stopwatch)
-                yield None
-        self.works.append(work)
-        with self._billed_to(work):
-            yield from work.fitting(*places, self.stopwatch)
-        yield None
+                yield from work.fitting(fit, self.stopwatch)
+            yield None
 
     def _preparing_reflections(
         self, planned: PlannedReflections, scene_data: SceneData, eye: EyePass, seen: list[np.ndarray]
@@ -371,7 +364,7 @@ class Renderer:
 
     def _billed_to(self, work: LightWork) -> contextlib.AbstractContextManager[None]:
         """What lights only reflections has no pass of its own."""
-        return self.stopwatch.billed_to(work.statistics) if work.has_pass else contextlib.nullcontext()
+        return self.stopwatch.billed_to(work.statistics.stage_ms, work.light.name) if work.has_pass else contextlib.nullcontext()
 
     def _rendering_eye(self, eye: EyePass, batch: int) -> Generator[None, None, None]:
         first = batch * self.plan.eye_samples_per_batch

@@ -8,13 +8,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing, contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..device.interface import Device
 from .steps import HostWork
-
-if TYPE_CHECKING:
-    from .pass_set import PassStatistics
 
 OnStage = Callable[[str, str | None], None]
 """called when a stage begins, with its name (`pass_set.STAGES`) and that of the light that it is for, or None; on the device's thread"""
@@ -38,10 +35,10 @@ class Stopwatch:
         self._is_stopped = True
 
     @contextmanager
-    def billed_to(self, statistics: PassStatistics) -> Iterator[None]:
-        """Stages inside count for this pass instead of for all together."""
+    def billed_to(self, stage_ms: dict[str, float], light_name: str) -> Iterator[None]:
+        """Stages inside count for this light's pass instead of for all together."""
         before = self._current, self._light_name
-        self._current, self._light_name = statistics.stage_ms, statistics.light_name
+        self._current, self._light_name = stage_ms, light_name
         try:
             yield
         finally:
