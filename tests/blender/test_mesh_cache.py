@@ -283,6 +283,22 @@ def test_images_are_read_again_when_they_have_changed(watched, pictures, change,
     assert (after.world is before.world) == (after.world.image.texels is before.world.image.texels)
 
 
+@pytest.mark.skipif(bpy.app.version < (5, 2), reason="Cycles 4.5 reads alpha of files otherwise; VIR does as 5.2")
+def test_packing_is_noticed(watched, pictures):
+    """Renderers open premultiplied files by themselves, and take what is packed from Blender, which has divided it by its alpha."""
+    for name in ("leaf", "sky"):
+        pictures[name].alpha_mode = "PREMUL"
+    before = watched.take(with_materials=True)
+    for name in ("leaf", "sky"):
+        pictures[name].pack()
+    after = watched.take(with_materials=True)
+    fresh = snapshot(bpy.context.evaluated_depsgraph_get(), with_materials=True)
+    for cached, read in zip(look_of(after), look_of(fresh), strict=True):
+        np.testing.assert_array_equal(cached, read)
+    for image in (0, 2):
+        assert not np.array_equal(look_of(before)[image], look_of(after)[image])
+
+
 def test_small_images_do_not_interrupt_the_walk(watched, pictures, monkeypatch):
     watched.take(with_materials=True)
     assert watched.images_read[0] == 2  # the world's comes after the surfaces

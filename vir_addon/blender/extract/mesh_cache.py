@@ -69,8 +69,8 @@ class MeshCache:
     def __init__(self) -> None:
         self._meshes: dict[Hashable, ReadMesh] = {}
         self._materials: tuple[Hashable, MaterialReaders] | None = None
-        self._world: tuple[str, WorldReader] | None = None
-        """and the engine that it reads for"""
+        self._world: tuple[Hashable, WorldReader] | None = None
+        """and what it depends on: the engine that it reads for, and which images are packed"""
         self.images = ImageCache(self._begin_reading)
         self._used: set[Hashable] = set()
         self._deadline_s = float("inf")
@@ -139,9 +139,11 @@ class MeshCache:
     def material_readers(self, engine: str, override: bpy.types.Material | None) -> MaterialReaders:
         """Those that know what they have read, as long as no material and no image has changed, come or gone."""
         uids = (*(one.session_uid for one in bpy.data.materials), *(one.session_uid for one in bpy.data.images))
-        key = (engine, None if override is None else override.session_uid, uids)
+        # of packing no update tells
+        world_key = engine, tuple(one.session_uid for one in bpy.data.images if one.packed_file)
+        key = (world_key, None if override is None else override.session_uid, uids)
         if self._materials is None or self._materials[0] != key:
-            known = self._world[1] if self._world is not None and self._world[0] == engine else None
+            known = self._world[1] if self._world is not None and self._world[0] == world_key else None
             self._materials = key, MaterialReaders.make(engine, override, self.images, known)
-            self._world = engine, self._materials[1].world
+            self._world = world_key, self._materials[1].world
         return self._materials[1]

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.material import ImageTexels
 from ...core.steps import HostWork
-from .image_texels import Channel, ImagePixels, colors_of, take_pixels, texels_of
+from .image_texels import Channel, ImagePixels, colors_of, is_read_by_renderers, take_pixels, texels_of
 
 Result = TypeVar("Result")
 
@@ -52,8 +52,8 @@ class ImageCache:
         self, image: bpy.types.Image, asked: tuple[Hashable, ...], make: Callable[[ImagePixels], Result], *, is_color: bool
     ) -> Result:
         known = self._read.setdefault(image.session_uid, {})
-        # nothing tells of another alpha mode, nor of another file that has been loaded meanwhile
-        key = (*asked, image.name, image.filepath, image.alpha_mode, image.colorspace_settings.name)
+        # nothing tells of another alpha mode, of another file that has been loaded meanwhile, nor of packing, which changes who reads it
+        key = (*asked, image.name, image.filepath, image.alpha_mode, image.colorspace_settings.name, is_read_by_renderers(image))
         if key not in known:
             if self._begin_reading is not None:
                 self._begin_reading()
