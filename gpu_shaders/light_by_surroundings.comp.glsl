@@ -43,8 +43,13 @@ void main() {
     else if (!is_exact) {  // mirrors show images of surfaces to rays that go on
         ivec2 number = ivec2(found.texel.zw);
         vec4 of_instance = emitter_row(number.x);
+#ifdef BY_DIRECTION
+        const bool is_met = true;
+#else
         // what shines is where it is known to be, not where the map shows it from its centre
-        if (found.how != REFLECTED_BY_DIRECTION) {
+        bool is_met = found.how != REFLECTED_BY_DIRECTION;
+#endif
+        if (is_met) {
             InstanceData instance = load_instance(number.x);
             TriangleData triangle = load_triangle(instance, number.y);
             vec3 weights = weights_within(found.meeting);

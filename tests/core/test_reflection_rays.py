@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 
 from tests.core.test_reflections import box_colors, camera_rays, colored_box
-from tests.device.surface_queries import ask, scene_of, square
+from tests.device.surface_queries import UV, ask, scene_of, square
 from tests.scenes import (
     box,
     bumpy_sphere,
@@ -25,7 +26,8 @@ from tests.scenes import (
     snapshot,
     with_opacity,
 )
-from vir_addon.core.material import BLACK, WHITE, Constant, CornerValue, Layer, LayerKind, Material, World
+from vir_addon.core.material import BLACK, WHITE, Combination, Constant, CornerValue, Layer, LayerKind, Material, Operation, World
+from vir_addon.core.material_program import typical_value
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
 from vir_addon.core.passes import emitters
 from vir_addon.core.passes.emitters import pack_emitters
@@ -33,7 +35,7 @@ from vir_addon.core.plan import plan
 from vir_addon.core.render import Renderer, render
 from vir_addon.core.sampling import shuffled_unit_square_points
 from vir_addon.core.scene import FilterShape, Mesh, PixelFilter
-from vir_addon.core.settings import Effect, Settings
+from vir_addon.core.settings import Effect, ReflectionLookUp, Settings
 from vir_addon.device.interface import TextureFormat
 
 WIDTH, HEIGHT = 32, 18
@@ -252,17 +254,23 @@ POLISHED = Material(
 POLISHED = dataclasses.replace(POLISHED, has_metal_fresnel=False, roughness=BLACK)
 
 
-@pytest.mark.parametrize("inside_out", [False, True])
-@pytest.mark.parametrize("ground", [matte((0.5, 0.5, 0.5)), POLISHED, mirror(roughness=0.4)], ids=lambda ground: ground.name)
-def test_in_a_room_that_shines_all_is_as_bright_as_its_albedo(device, ground, inside_out):
+@pytest.mark.parametrize(
+    ("ground", "inside_out", "look_up"),
+    [
+        *itertools.product([matte((0.5, 0.5, 0.5)), POLISHED, mirror(roughness=0.4)], [False, True], [ReflectionLookUp.MARCH]),
+        (matte((0.5, 0.5, 0.5)), False, ReflectionLookUp.DIRECTION),
+    ],
+    ids=lambda one: getattr(one, "name", None),
+)
+def test_in_a_room_that_shines_all_is_as_bright_as_its_albedo(device, ground, inside_out, look_up):
     """Whichever way the room's faces are turned: a floor that is matte, also below what would show an image, or of rough metal, which has a
-    map of its own, where the last ray ends."""
+    map of its own, where the last ray ends. By direction alone, too: it shines in all of them."""
     room = box("room", (0, 0, 1), (4, 4, 4), inside_out=inside_out)
     wall = rectangle("wall", (-2, 2, -0.5), (4, 0, 0), (0, 0, 4))
     camera = perspective_camera((0.0, -3.0, 1.6), (0.0, 2.0, 0.6), WIDTH, HEIGHT, 0.35)
     materials = [ground, matte((0, 0, 0), (3, 3, 3)), mirror()]
     scene = snapshot([floor(3.0), room, wall], [], camera, WIDTH, HEIGHT, materials=materials, world=World())
-    settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "reflection_sample_count": 32}
+    settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "reflection_sample_count": 32, "reflection_look_up": look_up}
     image = render_passes(scene, device, **settings)[REFLECTION_PASS_NAME][5:10, 4:-4, 0]
     assert image.mean() == pytest.approx(3.0 if ground.name == "mirror" else 1.5, rel=0.02)
 
@@ -372,6 +380,29 @@ def test_what_is_met_by_chance_alone_shines_as_brightly(device, monkeypatch, is_
         settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "reflection_sample_count": 128}
         means.append(render_passes(scene, device, **settings)[REFLECTION_PASS_NAME][1:6, 4:-4, 0].mean())
     assert means[0] == pytest.approx(means[1], rel=0.08)
+
+
+def test_what_shines_in_few_places_shines(device, monkeypatch):
+    """A panel that shines in two fifths of its width, which what it typically shines says nothing of, over a floor that a mirror shows and
+    under a black sky: as brightly as that part alone."""
+    part, whole = (rectangle("panel", (-0.9 * k - 0.6, -0.7, 1.5), (0, 2, 0), (0.9 * k + 0.6, 0, 0)) for k in range(2))
+    corners = whole.positions_os[whole.triangles]
+    uvs = np.stack([corners[..., 0] / 1.5 + 1.0, corners[..., 1] / 2 + 0.35], axis=-1).astype(np.float32)
+    whole = dataclasses.replace(whole, layers={UV: uvs})
+    u = Combination(Operation.RED, (CornerValue(UV),))
+    is_lit = Combination(Operation.GREATER_THAN, (u, Constant((0.6, 0.6, 0.6))))
+    glow = dataclasses.replace(matte((0, 0, 0)), emission=Combination(Operation.MULTIPLY, (Constant((10.0, 10.0, 10.0)), is_lit)))
+    assert not typical_value(glow.emission).any()
+    wall = rectangle("wall", (-2, 2, -0.5), (4, 0, 0), (0, 0, 4))
+    camera = perspective_camera((0.0, -3.0, 1.6), (0.0, 2.0, 0.9), WIDTH, HEIGHT, 0.25)
+    monkeypatch.setattr(emitters, "MAX_EMITTING_TRIANGLES", 0)
+    means = []
+    for mesh, shining in ((part, matte((0, 0, 0), (10, 10, 10))), (whole, glow)):
+        materials = [matte((0.5, 0.5, 0.5)), shining, mirror()]
+        scene = snapshot([floor(6.0), mesh, wall], [], camera, WIDTH, HEIGHT, materials=materials, world=World())
+        settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "reflection_sample_count": 64}
+        means.append(render_passes(scene, device, **settings)[REFLECTION_PASS_NAME][1:6, 4:-4, 0].mean())
+    assert means[1] == pytest.approx(means[0], rel=0.06)
 
 
 def test_what_opacity_cuts_out_does_not_shine(device, monkeypatch):

@@ -95,7 +95,7 @@ class ReflectionWork:
         """of facets and of directions that light comes from: (rounds, 2, bounces, 2)"""
         snapshot = surfaces.snapshot
         is_bright = snapshot.world is not None and max(snapshot.world.radiance) > 0
-        self.has_surroundings = is_bright or any(typical_value(material.emission).max() > 0 for material in snapshot.materials)
+        self.has_surroundings = is_bright or surfaces.has_emission
         """Something but lights lights surfaces."""
         self.statistics = ReflectionStatistics(bounces=planned.bounces)
         zeros = np.zeros((height, width, 4), np.float32)
