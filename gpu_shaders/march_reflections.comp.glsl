@@ -16,7 +16,7 @@ void main() {
         vec4 direction = texelFetch(ray_directions, pixel, 0);
         int others = int(texelFetch(throughputs, pixel, 0).w);
         ivec3 numbers = ivec3(int(ray.w), others % MAP_NUMBERS - 1, others / MAP_NUMBERS - 1);
-        Found found = follow_through(numbers, ray.xyz, direction.xyz, direction.w, true);
+        Found found = follow_through(numbers, ray.xyz, direction.xyz, direction.w);
         surface.w = float(found.how);
         if (!is_empty(found.texel)) {
             InstanceData instance = load_instance(int(found.texel.z));

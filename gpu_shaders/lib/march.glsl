@@ -79,8 +79,8 @@ Found meet_neighbours(ReflectionMap map, int face, ivec2 own, vec2 place, vec3 o
     return found;
 }
 
-// The ray from its origin on; nothing is met before `first_m`.
-Found march(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m) {
+// The ray from its origin on; nothing is met before `first_m`, and what is met beyond `last_m` may be left out.
+Found march(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m, float last_m) {
     vec3 start = map_direction(map, origin_ws - map.center_ws);
     vec3 direction = map_direction(map, direction_ws);
     float end = map.reach_m + length(start);
@@ -121,6 +121,9 @@ Found march(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m)
         // surfaces between the places that two neighbours see belong to neither: each is asked a texel's way back as well
         float texel_crossing = min(map.texel.x, map.texel.y) * f.z / max(length(g.xy - tangent * g.z), 1.0e-20);
         float back = min(texel_crossing, along);
+        if (along - back > last_m) {
+            break;
+        }
         float depth_in = f.z - back * g.z;
         float depth_out = f.z + crossing * g.z;
         vec4 texel = map_texel(map, level, face, cell);
@@ -167,13 +170,13 @@ Found look_up_direction(ReflectionMap map, vec3 direction_ws) {
     return found;
 }
 
-// What the ray meets; REFLECTED_OUT_OF_VIEW: perhaps something outside of a map that is no cube. Where that was hidden from the map's
-// centre, what the map shows in its direction, if that counts.
-Found follow(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m, bool counts_by_direction) {
+// What the ray meets up to `last_m`; REFLECTED_OUT_OF_VIEW: perhaps something outside of a map that is no cube. Where that was hidden from
+// the map's centre, what the map shows in its direction, if that counts.
+Found follow(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m, float last_m, bool counts_by_direction) {
 #ifdef BY_DIRECTION
     return look_up_direction(map, direction_ws);
 #else
-    Found found = march(map, origin_ws, direction_ws, first_m);
+    Found found = march(map, origin_ws, direction_ws, first_m, last_m);
     if (counts_by_direction && found.how == REFLECTED_NOTHING) {
         Found behind = look_up_direction(map, direction_ws);
         if (behind.how != REFLECTED_NOTHING) {
@@ -191,7 +194,7 @@ Found follow(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m
 // the ray is hidden, or the reflector is not convex, with parts of itself that the eye does not see. What is met there exactly is there, and
 // the nearest of it counts. Two such cubes, neither of which sees all that stands there, that both see nothing in a direction, show that
 // there is nothing.
-Found follow_through(ivec3 numbers, vec3 origin_ws, vec3 direction_ws, float first_m, bool counts_by_direction) {
+Found follow_through(ivec3 numbers, vec3 origin_ws, vec3 direction_ws, float first_m) {
     Found found = Found(Meeting(FAR_ALONG, vec2(0.0), false), vec4(-1.0), REFLECTED_NOTHING);
     int seen_past = 0;
     ivec4 further = further_maps(numbers.x);
@@ -212,8 +215,9 @@ Found follow_through(ivec3 numbers, vec3 origin_ws, vec3 direction_ws, float fir
             continue;
         }
         // other maps tell what is there, and whether nothing is
-        bool may_guess = is_first ? counts_by_direction : is_further && is_hidden;
-        Found one = follow(load_map(number), origin_ws, direction_ws, (is_first ? 1.0 : OWN_SHARE) * first_m, may_guess);
+        bool may_guess = is_first || (is_further && is_hidden);
+        float last_m = found.how == REFLECTED_SURFACE ? found.meeting.along : FAR_ALONG;
+        Found one = follow(load_map(number), origin_ws, direction_ws, (is_first ? 1.0 : OWN_SHARE) * first_m, last_m, may_guess);
         seen_past += int(is_further && is_hidden && one.how == REFLECTED_NOTHING);
         bool is_before = found.how != REFLECTED_SURFACE || one.meeting.along < found.meeting.along;
         bool is_sure = one.how == REFLECTED_SURFACE && (is_first || one.meeting.inside);

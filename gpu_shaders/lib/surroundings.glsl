@@ -73,7 +73,7 @@ Found found_around(ivec2 pixel, Sending sending, vec3 direction, bool counts_by_
     vec4 ray = texelFetch(ray_origins, pixel, 0);
     float first_m = FIRST_SHARE * max(length(sending.position_ws - ray.xyz), length(sending.position_ws));
     int beside = int(texelFetch(throughputs, pixel, 0).w) % MAP_NUMBERS - 1;
-    return follow(load_map(beside >= 0 ? beside : int(ray.w)), sending.position_ws, direction, first_m, counts_by_direction);
+    return follow(load_map(beside >= 0 ? beside : int(ray.w)), sending.position_ws, direction, first_m, FAR_ALONG, counts_by_direction);
 }
 
 vec4 emitter_row(int index) {
