@@ -52,6 +52,10 @@ void main() {
     if (found.how == REFLECTED_SURFACE && found.meeting.along < REACHED_SHARE * distance_m) {
         return;
     }
+    // what the map leaves out no ray meets by chance
+    if (any(equal(of_instance.zw, vec2(map_around(pixel))))) {
+        density = 0.0;
+    }
     vec3 brought = shone(number, instance, triangle, weights, front, direction, distance_m, of_surfaces, density, of_instance.x);
     imageStore(radiances, pixel, imageLoad(radiances, pixel) + vec4(brought, 0.0));
 }

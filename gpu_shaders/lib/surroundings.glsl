@@ -68,12 +68,17 @@ vec3 sent_of_surfaces(Sending sending, vec3 direction, vec3 sent) {
     return sending.shows_surfaces ? sent : max(dot(sending.normal, direction), 0.0) * sending.diffuse;
 }
 
-// What lies in a direction, in the map of what the pixel's ray came from.
-Found found_around(ivec2 pixel, Sending sending, vec3 direction, bool counts_by_direction) {
-    vec4 ray = texelFetch(ray_origins, pixel, 0);
-    float first_m = FIRST_SHARE * max(length(sending.position_ws - ray.xyz), length(sending.position_ws));
+// The map of what the pixel's ray came from, a cube if it has one.
+int map_around(ivec2 pixel) {
     int beside = int(texelFetch(throughputs, pixel, 0).w) % MAP_NUMBERS - 1;
-    return follow(load_map(beside >= 0 ? beside : int(ray.w)), sending.position_ws, direction, first_m, FAR_ALONG, counts_by_direction);
+    return beside >= 0 ? beside : int(texelFetch(ray_origins, pixel, 0).w);
+}
+
+// What lies in a direction, in that map.
+Found found_around(ivec2 pixel, Sending sending, vec3 direction, bool counts_by_direction) {
+    vec3 origin_ws = texelFetch(ray_origins, pixel, 0).xyz;
+    float first_m = FIRST_SHARE * max(length(sending.position_ws - origin_ws), length(sending.position_ws));
+    return follow(load_map(map_around(pixel)), sending.position_ws, direction, first_m, FAR_ALONG, counts_by_direction);
 }
 
 vec4 emitter_row(int index) {

@@ -1,7 +1,8 @@
 """Surfaces that shine, for rays that look for them: a table on the device.
 
-emitters    per instance: how likely a square metre of what shines of it is drawn, 0 where nothing of it is, and whether it is closed; then
-            per triangle that may be drawn: its instance, its number within the mesh, and how likely one of those up to it is drawn
+emitters    per instance: how likely a square metre of what shines of it is drawn, 0 where nothing of it is, whether it is closed, and
+            the numbers of up to two maps that leave it out, -1: none; then per triangle that may be drawn: its instance, its number
+            within the mesh, and how likely one of those up to it is drawn
 """
 
 from __future__ import annotations
@@ -27,6 +28,12 @@ class Emitters(NamedTuple):
     rows: np.ndarray
     """(instance_count + triangle_count, 4) float32 of the table, at least one"""
     triangle_count: int
+
+    def beside_maps(self, without: np.ndarray) -> np.ndarray:
+        """The table of a frame: rows, as if there were no maps, and those. without: (instance_count, 2) numbers of maps"""
+        rows = self.rows.copy()
+        rows[: len(without), 2:] = without
+        return rows
 
 
 def no_emitters(snapshot: SceneSnapshot) -> Emitters:

@@ -419,3 +419,14 @@ class PlannedReflections:
             rows[reflector.instances, 2] = numbers.get(id(reflector.aside), -1)
             rows[reflector.instances, 3] = numbers.get(id(reflector.itself), -1)
         return rows
+
+    def maps_without(self, instance_count: int) -> np.ndarray:
+        """(instance_count, 2) float32: numbers of the maps that leave an instance out, of those that are asked for what lights others: for
+        what the eye sees, and for rays from other reflectors; -1: none"""
+        numbers = {id(each): number for number, each in enumerate(self.maps)}
+        rows = np.full((instance_count, 2), -1, np.float32)
+        for reflector in self.reflectors:
+            for column, each in enumerate((reflector.aside or reflector.seen, reflector.met)):
+                if each is not None:
+                    rows[np.setdiff1d(reflector.instances, each.instances), column] = numbers.get(id(each), -1)
+        return rows

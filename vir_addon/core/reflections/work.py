@@ -100,15 +100,15 @@ class ReflectionWork:
         self.statistics = ReflectionStatistics(bounces=planned.bounces)
         zeros = np.zeros((height, width, 4), np.float32)
         background = np.full((height, width, 4), (0, 0, 0, -1), np.float32)
+        self._emitters, self.emitter_count = emitters, emitters.triangle_count
         self._drawn = Owned()
-        """maps, and which instances have which"""
+        """maps, which instances have which, and what shines"""
         with Owned() as owned:
 
             def texture() -> Texture:
                 return owned.own(self.device.create_texture(width, height, TextureFormat.RGBA32F))
 
             self.materials = owned.own(surfaces.share())
-            self.emitters, self.emitter_count = owned.own(self.device.upload_array(emitters.rows)), emitters.triangle_count
             self.rays = {name: texture() for name in ("ray_origins", "ray_directions", "throughputs")}
             self.surfaces = texture()
             self.radiances = [texture() for _ in parts]
@@ -149,10 +149,12 @@ class ReflectionWork:
         """drawn_before: the first of the maps"""
         with Owned() as owned:
             maps = owned.own(ReflectionMaps(self.scene_data, self.plan.bounds, planned.maps, planned.further_maps(), drawn_before))
-            instance_maps = owned.own(self.device.upload_array(planned.instance_maps(len(self.scene_data.snapshot.instances))))
+            instance_count = len(self.scene_data.snapshot.instances)
+            instance_maps = owned.own(self.device.upload_array(planned.instance_maps(instance_count)))
+            table = owned.own(self.device.upload_array(self._emitters.beside_maps(planned.maps_without(instance_count))))
             self._forget_maps()
             self._drawn = owned.pop_all()
-        self.planned, self.maps, self.instance_maps = planned, maps, instance_maps
+        self.planned, self.maps, self.instance_maps, self.emitters = planned, maps, instance_maps, table
         self.statistics.map_count = len(planned.maps)
         self.statistics.map_texel_count = sum(each.texel_count for each in planned.maps)
         self.statistics.splatted_map_count = sum(each.method is not ReflectionMethod.MVR for each in planned.maps)
