@@ -14,6 +14,7 @@ from tests.scenes import (
     point_light,
     prepared_renderer,
     rectangle,
+    render_batches,
     render_passes,
     snapshot,
     spot_light,
@@ -22,6 +23,7 @@ from tests.scenes import (
 )
 from vir_addon.core import cost
 from vir_addon.core.errors import SceneError, UsageError
+from vir_addon.core.passes import eye
 from vir_addon.core.plan import AUTO_METHODS, plan, settings_for
 from vir_addon.core.render import render
 from vir_addon.core.scene import Mesh
@@ -258,6 +260,40 @@ def test_predictions_add_up():
     assert eye_ms > 0
     together = plan(fine_scene(40, *lights), Settings())
     assert together.predicted_ms == pytest.approx(sum(one.passes[0].predicted_ms for one in alone) + eye_ms)
+
+
+@pytest.mark.parametrize(
+    ("size", "counts"),
+    [((960, 540), (1, 1)), ((1920, 1080), (1, 2)), ((2560, 1440), (2, 4)), ((3840, 2160), (4, 8)), ((4096, 2160), (16, 32))],
+)
+def test_the_eye_is_rasterized_more_often_in_large_pictures(size, counts):
+    scene = dataclasses.replace(fine_scene(40), width_px=size[0], height_px=size[1])
+    for eye_sample_count, count in zip((16, 32), counts, strict=True):
+        assert predicted_rasterization_count(scene, eye_sample_count) == pytest.approx(count)
+
+
+def predicted_rasterization_count(scene, eye_sample_count):
+    """What is not G-buffers, in times of one rasterization"""
+    rates = cost.RATES[Hardware.SOFTWARE]
+    buffers_ns = eye_sample_count * scene.width_px * scene.height_px * rates.eye_pixel
+    eye_ms = cost.eye_ms(scene, Settings(hardware=Hardware.SOFTWARE), eye_sample_count)
+    return (eye_ms * 1e6 - buffers_ns) / (scene.instanced_triangle_count * rates.raster_triangle)
+
+
+@pytest.mark.parametrize("samples_per_px", [6, 4, 3, 1])
+def test_the_eye_is_rasterized_as_often_as_predicted(device, monkeypatch, samples_per_px):
+    """With as many texels for its visibility as it takes with so many samples a pixel"""
+    margin_px = 2
+    texels = samples_per_px**2 * (WIDTH + 2 * margin_px) * (HEIGHT + 2 * margin_px)
+    monkeypatch.setattr(eye, "MAX_VISIBILITY_TEXELS", texels)
+    rasterized, rasterize = [], eye.EyePass._rasterize
+    monkeypatch.setattr(eye.EyePass, "_rasterize", lambda *arguments: rasterized.append(arguments) or rasterize(*arguments))
+    scene = scene_with(area_light())
+    with prepared_renderer(scene, device, view_count=128, map_resolution_px=16) as renderer:
+        render_batches(renderer)
+        assert renderer.plan.eye_sample_count == 32
+    assert len(rasterized) == -(-32 // samples_per_px**2)
+    assert predicted_rasterization_count(scene, 32) == pytest.approx(len(rasterized))
 
 
 @pytest.mark.parametrize("row_count", [4, 400])

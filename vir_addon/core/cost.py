@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .bounds import SceneBounds
+from .passes.eye import visibility_samples_per_px
 from .passes.reflection_maps import ReflectionMap
 from .passes.shadow_maps import BYTES_PER_TEXEL, MAX_BATCH_VIEWS
+from .sampling import pixel_offsets
 from .scene import Light, LightShape, SceneSnapshot
 from .settings import Hardware, Method, PointGeneration, PointStorage, ReflectionMethod, Settings
 
@@ -149,9 +151,13 @@ RATES = {
 
 
 def eye_ms(snapshot: SceneSnapshot, settings: Settings, eye_sample_count: int) -> float:
-    """One rasterization, which all offsets share, and a G-buffer of each."""
+    """A G-buffer of every offset, and rasterizations, each of which as many offsets share as it has samples a pixel."""
     pixels, rates = snapshot.width_px * snapshot.height_px, RATES[settings.hardware]
-    return (snapshot.instanced_triangle_count * rates.raster_triangle + eye_sample_count * pixels * rates.eye_pixel) * 1e-6
+    offsets_px = pixel_offsets(snapshot.pixel_filter, eye_sample_count)
+    # devices whose largest texture leaves room for fewer of a long picture are not told apart
+    shared_by = visibility_samples_per_px(offsets_px, (snapshot.width_px, snapshot.height_px)) ** 2
+    triangles = math.ceil(eye_sample_count / shared_by) * snapshot.instanced_triangle_count
+    return (triangles * rates.raster_triangle + eye_sample_count * pixels * rates.eye_pixel) * 1e-6
 
 
 def reflections_ms(snapshot: SceneSnapshot, settings: Settings, planned: PlannedReflections, round_count: int) -> float:

@@ -127,10 +127,8 @@ class EyePass(Shared):
         snapshot, device = scene_data.snapshot, scene_data.device
         self.camera, self.size = snapshot.camera, (snapshot.width_px, snapshot.height_px)
         self.scene_data, self.device = scene_data, device
-        self.margin_px = math.ceil(np.abs(offsets_px).max()) + 1
-        for self.samples_per_px in range(min(math.ceil(math.sqrt(len(offsets_px))), MAX_SAMPLES_PER_PX), 0, -1):
-            if max(self._visibility_size) <= device.max_texture_size_px and math.prod(self._visibility_size) <= MAX_VISIBILITY_TEXELS:
-                break
+        self.margin_px = _margin_px(offsets_px)
+        self.samples_per_px = visibility_samples_per_px(offsets_px, self.size, device.max_texture_size_px)
         self.visibility_index, self.base_offsets_px, self.samples = share_visibility(offsets_px, self.samples_per_px)
         self._current_visibility = -1
         self._indices: Sequence[int] = ()
@@ -160,11 +158,7 @@ class EyePass(Shared):
 
     @property
     def _visibility_size(self) -> tuple[int, int]:
-        width, height = self.size
-        return (
-            self.samples_per_px * (width + 2 * self.margin_px),
-            self.samples_per_px * (height + 2 * self.margin_px),
-        )
+        return _visibility_size(self.size, self.margin_px, self.samples_per_px)
 
     def render(self, indices: Sequence[int], batch: int) -> None:
         """A G-buffer of each offset with these numbers, in the wanted tiles and at the batch's probes of all others; elsewhere they keep
@@ -277,6 +271,25 @@ class EyePass(Shared):
     def _free(self) -> None:
         self.tiles.release()
         self._owned.close()
+
+
+def visibility_samples_per_px(offsets_px: np.ndarray, size: tuple[int, int], max_side_px: float = math.inf) -> int:
+    """Along a pixel's side. offsets_px: (n, 2); size: of the picture, width and height; max_side_px: of a texture"""
+    most = min(math.ceil(math.sqrt(len(offsets_px))), MAX_SAMPLES_PER_PX)
+    for samples_per_px in range(most, 1, -1):
+        visibility_size = _visibility_size(size, _margin_px(offsets_px), samples_per_px)
+        if max(visibility_size) <= max_side_px and math.prod(visibility_size) <= MAX_VISIBILITY_TEXELS:
+            return samples_per_px
+    return 1
+
+
+def _margin_px(offsets_px: np.ndarray) -> int:
+    return math.ceil(np.abs(offsets_px).max()) + 1
+
+
+def _visibility_size(size: tuple[int, int], margin_px: int, samples_per_px: int) -> tuple[int, int]:
+    width, height = size
+    return samples_per_px * (width + 2 * margin_px), samples_per_px * (height + 2 * margin_px)
 
 
 def share_visibility(offsets_px: np.ndarray, samples_per_px: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
