@@ -293,6 +293,21 @@ def test_broken_vertices_are_reported_by_object(add, take):
     assert one.text.startswith("Broken: has vertices") and one.text.endswith("(vertices: 1, triangles: 1)")
 
 
+def test_meshes_that_lose_all_triangles_are_left_out(scene, add, take):
+    group = bpy.data.collections.new("Group")
+    add.mesh("Broken", [(math.nan, 0, 0), (1, math.nan, 0), (0, 1, math.inf)], [(0, 1, 2)], group)
+    add.mesh("Vertex", [(math.nan, 0, 0)], [], group)
+    for number in range(2):
+        add.instance_of(group, location=(number, 0.0, 0.0))
+    add.cube("Here")
+    taken = take()
+    assert shown_names(taken) == ["Here"]
+    reason = "has no triangle whose coordinates are finite numbers (and below 1e15)"
+    assert [(one.object_name, one.text, one.instance_count) for one in taken.left_out] == [
+        ("Broken", f"Broken: {reason} (instances: 2)", 2)
+    ]
+
+
 def test_what_is_left_out_is_counted_where_it_would_stand(scene, add, take):
     """By instance, not by the meshes that one is taken apart into; what stands nowhere, by object."""
     group = bpy.data.collections.new("Group")

@@ -133,6 +133,8 @@ class SurfaceRows:
     left_out: list[LeftOut] = field(default_factory=list)
     _parts_of_object: dict[tuple[int, int], list[_PlacedPart]] = field(default_factory=dict)
     _parts_of_mesh: dict[tuple[object, ...], list[_PlacedPart]] = field(default_factory=dict)
+    _lost_meshes: set[int] = field(default_factory=set)
+    """addresses of evaluated data of which no triangle could be kept"""
     _set_of_object: dict[tuple[int, int], int] = field(default_factory=dict)
     _index_of_set: dict[tuple[int, ...], int] = field(default_factory=dict)
     _material_set: array.array = field(default_factory=lambda: array.array("i"))
@@ -146,7 +148,11 @@ class SurfaceRows:
 
     def add(self, item: bpy.types.DepsgraphObjectInstance, shown: bpy.types.Object, object_row: int, instancer_row: int) -> None:
         """shown: `item.object`, of type MESH. Rows into `objects`."""
-        for part in self._parts_of(shown, object_row, instancer_row):
+        parts = self._parts_of(shown, object_row, instancer_row)
+        if not parts and shown.data.as_pointer() in self._lost_meshes:
+            reason = "has no triangle whose coordinates are finite numbers (and below 1e15)"
+            self.left_out.append(LeftOut(self.objects.rows[object_row].name, reason, instance_count=1))
+        for part in parts:
             if self.surfaces is not None:
                 self._material_set.append(self._set_of_object[object_row, shown.data.as_pointer()])
             self._mesh_index.append(part.mesh_index)
@@ -179,6 +185,8 @@ class SurfaceRows:
                 first = len(self.meshes)
                 self.meshes += [part.mesh for part in read.parts]
                 self.left_out += read.left_out
+                if read.has_lost_all:
+                    self._lost_meshes.add(address)
                 parts = [_PlacedPart(first + k, part.is_visible, part.casts) for k, part in enumerate(read.parts)]
                 self._parts_of_mesh[address, materials, layers] = parts
             self._parts_of_object[object_row, address] = parts
@@ -225,7 +233,8 @@ class SurfaceRows:
         data = shown.to_mesh() if needs_mesh else shown.data
         extracted = extract_mesh(data, shown.data.name)
         left_out = []
-        if extracted.dropped_vertex_count:
+        has_lost_all = extracted.mesh is None and extracted.dropped_triangle_count > 0
+        if extracted.dropped_vertex_count and not has_lost_all:
             reason = "has vertices whose coordinates are not finite numbers (or beyond 1e15); the triangles at them are missing"
             dropped = extracted.dropped_vertex_count, extracted.dropped_triangle_count
             left_out.append(LeftOut(shown.name, reason, vertex_count=dropped[0], triangle_count=dropped[1]))
@@ -240,7 +249,7 @@ class SurfaceRows:
             left_out += [LeftOut(shown.name, reason) for reason in missing]
         if needs_mesh:
             shown.to_mesh_clear()
-        return ReadMesh(tuple(parts), tuple(left_out), uids)
+        return ReadMesh(tuple(parts), tuple(left_out), uids, has_lost_all)
 
     def place(self) -> PlacedInstances:
         """Sort, so that neither the order in the file nor that of evaluation matters, and move to the origin."""

@@ -50,6 +50,8 @@ class ReadMesh:
     left_out: tuple[LeftOut, ...]
     uids: frozenset[int]
     """session_uid of the originals that it was made from"""
+    has_lost_all: bool = False
+    """there were triangles, and none could be kept"""
 
 
 def changes_only_lights(depsgraph: bpy.types.Depsgraph) -> bool:
