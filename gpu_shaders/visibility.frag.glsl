@@ -14,7 +14,9 @@ void main() {
 #ifdef CUT_OUT
     // filters take samples from several pixels: along this curve neighbours' thresholds are stratified wherever a pixel begins
     uvec2 at = uvec2(gl_FragCoord.xy);
-    uint index = spread_bits(at.x) | spread_bits(at.y) << 1u | uint(rasterization) << 28u;
+    uint place = spread_bits(at.x) | spread_bits(at.y) << 1u;
+    // from the other end: where the numbers' bits meet, samples thousands of texels apart change places, and none shares its thresholds
+    uint index = place ^ bitfieldReverse(uint(rasterization));
     if (opacity_at(map_base, map_header, uv) <= opacity_threshold(index, threshold_seed)) {
         discard;
     }

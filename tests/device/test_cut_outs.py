@@ -23,6 +23,7 @@ from tests.scenes import (
 )
 from vir_addon.core.bounds import compute_bounds
 from vir_addon.core.material import Extension
+from vir_addon.core.passes import eye as eye_pass
 from vir_addon.core.passes.eye import EyePass
 from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.settings import Method
@@ -250,6 +251,26 @@ def test_the_eye_sees_the_share_that_is_not_there(device):
     scene_data.release()
     assert abs(seen.mean() / 9 - 0.3) < 0.005
     assert seen.min() >= 1 and seen.max() <= 5
+
+
+def test_every_rasterization_of_the_eye_has_thresholds_of_its_own(device, monkeypatch):
+    """In large pictures there is one for each of 32 offsets."""
+    size = 64
+    monkeypatch.setattr(eye_pass, "MAX_VISIBILITY_TEXELS", 0)
+    scene = snapshot([floor(), pane(0.3)], [area_light()], camera_from_above((0.0, 0.0), 1.0, size, size), size, size)
+    scene_data = SceneData(scene, device)
+    eye = EyePass(scene_data, compute_bounds(scene), np.zeros((32, 2)))
+    seen = []
+    for index in range(32):
+        eye.render([index], batch=0)
+        seen.append((device.read(eye.buffers[0].positions)[..., 3] == 1).ravel())
+    eye.release()
+    scene_data.release()
+    # independent ones agree on 0.3^2 + 0.7^2 of the pixels
+    agreement = np.mean(np.equal(*np.array(seen)[np.array(np.triu_indices(32, 1))]), axis=-1)
+    assert agreement.max() < 0.7
+    assert abs(agreement.mean() - 0.58) < 0.02
+    assert abs(np.mean(seen) - 0.3) < 0.005
 
 
 def test_nothing_is_paid_without_opacity_maps(device):

@@ -48,7 +48,7 @@ VISIBILITY_OF_CUT_OUTS = of_cut_outs(
     VISIBILITY,
     "visibility_of_cut_outs",
     "rasterizes instance and triangle numbers of what has an opacity map",
-    {"rasterization": Constant("int", "its number, below 16: each has thresholds of its own")},
+    {"rasterization": Constant("int", "its number: each has thresholds of its own")},
 )
 
 SURFACE = ComputeDeclaration(
