@@ -95,6 +95,10 @@ def test_sheared_camera_keeps_its_direction(scene, add, take):
     rotation = taken.camera.world_from_view[:3, :3]
     assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
     assert np.allclose(rotation[:, 2], expected / np.linalg.norm(expected), atol=1e-6)
+    (note,) = taken.notes
+    assert note.startswith("The camera 'Camera' is sheared")
+    scene.camera.parent.scale = (5.0, 5.0, 5.0)
+    assert not take().notes
 
 
 def test_mirrored_camera_gives_a_mirrored_window(scene, take):

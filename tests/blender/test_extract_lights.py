@@ -56,12 +56,20 @@ def test_area_light_shines_where_blender_shines(add, take, scale):
 
 def test_sheared_area_light_keeps_its_plane_and_its_area(add, take):
     key = add.light("Key", data={"size": 1.0})
-    key.matrix_world = Matrix(((1, 0.5, 0, 0), (0, 2, 0, 0), (0, 0.25, 1, 0), (0, 0, 0, 1)))
-    light = only_light(take())
+    key.parent = add.object("Parent", None)
+    # an object's own matrix cannot be sheared
+    key.matrix_parent_inverse = Matrix(((1, 0.5, 0, 0), (0, 2, 0, 0), (0, 0.25, 1, 0), (0, 0, 0, 1)))
+    taken = take()
+    light = only_light(taken)
     axes = np.array(key.matrix_world)[:3, :3]
     normal = np.cross(axes[:, 0], axes[:, 1])
     assert light.size_x_m * light.size_y_m == pytest.approx(np.linalg.norm(normal), rel=1e-5)
     assert np.allclose(light.world_from_light[:3, 2], normal / np.linalg.norm(normal), atol=1e-5)
+    (note,) = taken.notes
+    assert note.startswith("The light 'Key' is sheared")
+    # its plane is turned, but it is a square
+    key.matrix_parent_inverse = Matrix(((2, 0, 0.5, 0), (0, 3, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)))
+    assert not take().notes
 
 
 @pytest.mark.parametrize("kind", ["POINT", "SPOT", "SUN"])

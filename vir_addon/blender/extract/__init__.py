@@ -20,10 +20,10 @@ from ...core.scene import LeftOut, Light, SceneSnapshot
 from ...core.steps import HostWork, Steps, run_steps
 from ..materials.image_cache import ImageCache, OutOfTimeError
 from ..render_depsgraph import engine_of
-from .camera import Picture, extract_camera, extract_picture, extract_pixel_filter
+from .camera import LARGEST_SHEAR, Picture, extract_camera, extract_picture, extract_pixel_filter, shear_of
 from .instances import PlacedInstances, SurfaceRows
 from .light_linking import SceneLinking
-from .lights import LightRow, UnusableLight, name_lights, place_light
+from .lights import LightRow, UnusableLight, name_lights, notes_on_lights, place_light
 from .mesh_cache import MaterialReaders, MeshCache
 from .scene_walk import CountedWalk, SceneWalk
 from .viewport_view import ViewportView
@@ -122,7 +122,7 @@ class SceneReading:
             pixel_filter=extract_pixel_filter(scene, engine_of(depsgraph.scene)),
             world_origin_m=placed.world_origin_m,
             left_out=_sorted_left_out([*surfaces.left_out, *walk.left_out_lights, *unplaced]),
-            notes=(*(_notes(depsgraph, placed) if view is None else []), *surfaces.notes),
+            notes=(*(_notes(depsgraph, placed) if view is None else []), *notes_on_lights(walk.light_rows), *surfaces.notes),
             materials=appearance.materials if appearance else (),
             material_sets=surfaces.material_sets if appearance else (),
             world=appearance.world if appearance else None,
@@ -238,6 +238,11 @@ def _notes(depsgraph: bpy.types.Depsgraph, placed: PlacedInstances) -> list[str]
         notes.append("Motion blur is on: the passes show the frame's own moment, without blur.")
     if scene.camera.data.dof.use_dof:
         notes.append("Depth of field is on: the passes are sharp everywhere.")
+    if shear_of(np.array(scene.camera.matrix_world, dtype=np.float64)[:3, :3]) > LARGEST_SHEAR:
+        notes.append(
+            f"The camera '{scene.camera.name}' is sheared, as by a parent that is scaled unevenly; the passes are without the shear and do "
+            "not lie on the picture that renderers make."
+        )
     if placed.holdout_names:
         notes.append(f"Holdouts are treated as ordinary surfaces: {', '.join(placed.holdout_names)}.")
     if np.linalg.norm(placed.world_origin_m) > 0.0:

@@ -125,7 +125,7 @@ def split_rigid(world_from_camera: np.ndarray, name: str) -> tuple[np.ndarray, b
 
     Blender takes the lengths out of the axes. It leaves a mirrored camera mirrored, and its picture with it; here the x axis is turned
     round, and the caller turns the window round (left > right), which gives the same picture. Shear, which Blender passes on to the
-    picture, is removed with the viewing direction kept.
+    picture, is removed with the viewing direction kept: `shear_of` says how much there is.
     """
     axes = world_from_camera[:3, :3]
     lengths = np.linalg.norm(axes, axis=0)
@@ -142,6 +142,17 @@ def split_rigid(world_from_camera: np.ndarray, name: str) -> tuple[np.ndarray, b
     world_from_view[:3, :3] = np.stack([right, up, backward], axis=1)
     world_from_view[:3, 3] = world_from_camera[:3, 3]
     return world_from_view, bool(right @ axes[:, 0] < 0.0)
+
+
+LARGEST_SHEAR = 1e-3
+"""that is not worth a word: half a pixel at the edge of a thousand"""
+
+
+def shear_of(axes: np.ndarray) -> float:
+    """Cosine between those of the (3, n) axes that are the least perpendicular to each other."""
+    lengths = np.linalg.norm(axes, axis=0)
+    unit = axes / np.where(lengths > 0.0, lengths, 1.0)
+    return float(np.abs(np.triu(unit.T @ unit, 1)).max())
 
 
 def extract_pixel_filter(scene: bpy.types.Scene, engine: str) -> PixelFilter:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...core.material_program import LUMINANCE
 from ...core.scene import Light, LightShape
+from .camera import LARGEST_SHEAR, shear_of
 
 _AREA_SHAPES = {
     "SQUARE": LightShape.RECTANGLE,
@@ -171,6 +172,15 @@ def place_light(row: LightRow, name: str, world_origin_m: np.ndarray) -> Light:
         is_wanted=row.is_wanted,
         own_view_count=row.own_view_count,
     )
+
+
+def notes_on_lights(rows: list[LightRow]) -> list[str]:
+    """On area lights that are no rectangles or ellipses along their axes any more."""
+    return [
+        f"The light '{name}' is sheared, as by a parent that is scaled unevenly; it is taken without the shear, with its width and area."
+        for name, row in name_lights(rows)
+        if row.shape.is_area and np.isfinite(row.world_from_object).all() and shear_of(row.world_from_object[:3, :2]) > LARGEST_SHEAR
+    ]
 
 
 def _cone_scale(row: LightRow) -> tuple[float, float]:
