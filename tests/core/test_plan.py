@@ -381,6 +381,19 @@ def test_more_views_never_bring_fewer_eye_samples():
     assert counts == sorted(counts) and counts[0] == 8 and counts[4:6] == [16] * 2 and counts[-2:] == [32] * 2
 
 
+@pytest.mark.parametrize(("view_count", "eye_samples_per_batch"), [(8, 2), (64, 2), (128, 4), (1024, 4)])
+def test_hard_shadows_come_in_batches_however_many_views_are_asked_for(view_count, eye_samples_per_batch):
+    """A batch's eye samples take memory each."""
+    work = plan(scene_with(area_light(size_m=(0, 0))), Settings(view_count=view_count))
+    assert (work.batch_count, work.eye_samples_per_batch) == (8, eye_samples_per_batch)
+
+
+@pytest.mark.parametrize(("arguments", "view_count"), [({"map_resolution_px": 4096}, 64), ({"batch_view_count": 1}, 32)])
+def test_smaller_batches_have_an_eye_sample_each(arguments, view_count):
+    work = plan(scene_with(area_light()), Settings(view_count=view_count, **arguments))
+    assert (work.eye_samples_per_batch, work.eye_sample_count) == (1, 32)
+
+
 def test_hard_shadows_have_as_many_eye_samples_as_soft_ones():
     """They have one view, but edges that the same eye samples have to meet."""
     camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)

@@ -240,32 +240,32 @@ def _only_reflects(has_passes: bool, reflections: PlannedReflections | None) -> 
     return reflections is not None and reflections.runs and not has_passes
 
 
-def _eye_samples_per_batch(most_views: int, batch_count: int, settings: Settings | None = None) -> int:
+def _eye_samples_per_batch(most_views: int, batch_count: int, settings: Settings) -> int:
     """Hard shadows have one view, which every eye sample sees: there are as many as if there were all of the views that the settings ask
     for. To `pcss` these mean nothing."""
     views = math.ceil(most_views / batch_count)
     if most_views == 1:
-        asked = settings.view_count // batch_count if settings is not None and settings.method is not Method.PCSS else 0
-        views = max(MAX_BATCH_VIEWS, asked)
+        views = max(MAX_BATCH_VIEWS, settings.view_count // batch_count if settings.method is not Method.PCSS else 0)
     return max(min(math.ceil(MAX_EYE_SAMPLES / batch_count), views // MIN_EYE_SAMPLE_VIEWS), 1)
 
 
-def _least_batch_count(most_views: int, map_resolution_px: int, batch_view_count: int) -> int:
+def _least_batch_count(most_views: int, map_resolution_px: int, settings: Settings) -> int:
     """Eight maps of 1024^2 and 2048^2 a batch; larger maps in smaller batches, so that a batch stays below 128 MiB of depth."""
-    per_batch = max(1, min(MAX_BATCH_VIEWS, batch_view_count, MAX_BATCH_VIEWS * 2048**2 // map_resolution_px**2))
+    per_batch = max(1, min(MAX_BATCH_VIEWS, settings.batch_view_count, MAX_BATCH_VIEWS * 2048**2 // map_resolution_px**2))
     return math.ceil(most_views / per_batch)
 
 
 def _light_batch_count(most_views: int, map_resolution_px: int, settings: Settings, only_reflects: bool) -> int:
     """What reflectors show is looked up by as many eye samples as rays are asked for."""
     count_batches = _least_batch_count if only_reflects else _batch_count
-    return count_batches(most_views, map_resolution_px, settings.batch_view_count)
+    return count_batches(most_views, map_resolution_px, settings)
 
 
-def _batch_count(most_views: int, map_resolution_px: int, batch_view_count: int) -> int:
-    """Where so few batches have too few eye samples, more and smaller ones."""
-    batch_count = _least_batch_count(most_views, map_resolution_px, batch_view_count)
-    has_enough = batch_count * _eye_samples_per_batch(most_views, batch_count) >= MIN_EYE_SAMPLES
+def _batch_count(most_views: int, map_resolution_px: int, settings: Settings) -> int:
+    """Where so few batches have too few eye samples, more and smaller ones. All eye samples of hard shadows could come in one, which takes
+    memory for each: they come in several, too."""
+    batch_count = _least_batch_count(most_views, map_resolution_px, settings)
+    has_enough = most_views > 1 and batch_count * _eye_samples_per_batch(most_views, batch_count, settings) >= MIN_EYE_SAMPLES
     return batch_count if has_enough else MIN_EYE_SAMPLES
 
 
