@@ -53,7 +53,7 @@ def box(name: str, centre: Sequence[float], half: Sequence[float], *, inside_out
     triangles = np.array([t for a, b, c, d in BOX_FACES for t in ((a, b, c), (a, c, d))], np.int32)
     if inside_out:
         triangles = triangles[:, ::-1].copy()
-    return Mesh(name, corners.astype(np.float32), triangles, is_closed=True)
+    return Mesh(name, corners.astype(np.float32), triangles, is_closed=not inside_out)
 
 
 def disc(name: str, centre: Sequence[float], radius_m: float, segment_count: int = 256) -> Mesh:

@@ -8,7 +8,7 @@ bpy = pytest.importorskip("bpy")
 import bmesh  # noqa: E402  (bpy decides whether this file runs)
 
 from vir_addon.blender.extract.mesh import extract_mesh  # noqa: E402
-from vir_addon.blender.extract.mesh_topology import is_closed  # noqa: E402
+from vir_addon.blender.extract.mesh_topology import faces_outward, is_closed  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("scene")
 
@@ -200,6 +200,29 @@ def test_vertices_that_only_coincide_do_not_close():
     split.to_mesh(data)
     split.free()
     assert not extract_mesh(data, "cube").mesh.is_closed
+
+
+CUBE_CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
+
+
+def test_which_way_faces_look():
+    inside_out = CUBE[:, [0, 2, 1]]
+    far = CUBE_CORNERS * np.float32(1e-2) + np.float32(1e3)
+    for corners in (CUBE_CORNERS, CUBE_CORNERS - np.float32(0.5), far):
+        assert faces_outward(corners, CUBE) is not faces_outward(corners, inside_out)
+    outward = CUBE if faces_outward(CUBE_CORNERS, CUBE) else inside_out
+    inward = outward[:, [0, 2, 1]]
+    both = np.concatenate([3 * CUBE_CORNERS, CUBE_CORNERS + 5])
+    assert faces_outward(both, np.concatenate([outward, outward + 8]))
+    assert not faces_outward(both, np.concatenate([outward, inward + 8]))
+    assert not faces_outward(both, np.concatenate([inward, outward + 8])[::-1])
+
+
+def test_a_mesh_turned_inside_out_keeps_its_back_faces():
+    data = primitive("create_uvsphere", u_segments=16, v_segments=8, radius=1.0)
+    assert extract_mesh(data, "ball").mesh.is_closed
+    data.flip_normals()
+    assert not extract_mesh(data, "ball").mesh.is_closed
 
 
 def test_a_missing_triangle_among_many_is_noticed():

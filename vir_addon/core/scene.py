@@ -65,8 +65,8 @@ class Mesh:
     corner_normals_os: np.ndarray | None = None
     """(triangle_count, 3, 3) float32 unit vectors"""
     is_closed: bool = False
-    """Every directed edge is met by its reverse: from outside, any ray crosses as many front as back faces. False with an opacity map:
-    back faces are seen through the holes."""
+    """Every directed edge is met by its reverse, and all faces look outwards: from outside front faces are before back faces. False with an
+    opacity map: back faces are seen through the holes."""
     opacity_map: OpacityMap | None = None
     """None: opaque"""
     uvs: np.ndarray | None = None

@@ -1,4 +1,4 @@
-"""Is a triangle mesh closed? Answered without building an edge table."""
+"""Is a triangle mesh closed, and do its faces look outwards? Answered without building an edge table."""
 
 from __future__ import annotations
 
@@ -36,6 +36,32 @@ def is_closed(triangles: np.ndarray, vertex_count: int) -> bool:
         # An array, not a scalar: numpy warns of overflow in scalars, and overflow is meant here.
         np.add(total, product.sum(dtype=np.uint64), out=total)
     return int(total) == 0
+
+
+def faces_outward(positions: np.ndarray, triangles: np.ndarray) -> bool:
+    """Do all parts of a closed mesh enclose a positive volume? Those that are turned inside out do not, nor do walls of cavities.
+
+    positions: (vertex_count, 3) float32; triangles: (triangle_count, 3) int32, not empty. Parts are told apart where their vertices do not
+    lie between each other's, as they do not in objects that were joined; others count together.
+    """
+    lows, highs = np.empty((2, len(triangles)), np.int32)
+    six_volumes = np.empty(len(triangles), np.float32)
+    # near the mesh, where differences of large products would drown small volumes
+    origin = positions[triangles[0, 0]]
+    for start in range(0, len(triangles), _BLOCK):
+        chosen = slice(start, start + _BLOCK)
+        first, second, third = triangles[chosen].T
+        lows[chosen] = np.minimum(np.minimum(first, second), third)
+        highs[chosen] = np.maximum(np.maximum(first, second), third)
+        corners = np.take(positions, triangles[chosen], axis=0, mode="clip") - origin
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = np.ascontiguousarray(corners.reshape(-1, 9).T).reshape(3, 3, -1)
+        six_volumes[chosen] = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+    # a part's last vertex is one that no triangle reaches beyond from before it
+    reached_beyond = np.cumsum(np.bincount(lows, minlength=len(positions)) - np.bincount(highs, minlength=len(positions)))
+    last_vertices = np.flatnonzero(reached_beyond == 0)
+    part = np.searchsorted(last_vertices, lows) if len(last_vertices) > 1 else np.zeros(len(lows), np.int64)
+    volumes = np.bincount(part, weights=six_volumes)
+    return bool((volumes[np.bincount(part) > 0] > 0).all())
 
 
 def _random_numbers(count: int) -> np.ndarray:
