@@ -5,7 +5,23 @@
 
 #define light_axis_fs (face[5].xyz)
 #define tan_half_spread (face[5].w)
+#define sample_patch_m (face[6].w)  // no place of the light is farther from the nearest sample
 #define reference_squared_distance (face[4].z)  // keeps sums near 1 in scenes of any scale
+
+// Beyond its spread a sample still says something of its patch of the light: of narrow spreads a receiver may be within that of places
+// between samples only. It counts next to nothing where any other counts, and less by far than a nearer one.
+const float FAINT_SHARE = 1.0e-4;
+
+float share_of_spread(float tangent, float distance_m) {
+    float share = 1.0 - tangent / tan_half_spread;
+    if (share > 0.0) {
+        return share;
+    }
+    float nearness = tan_half_spread / tangent;
+    nearness *= nearness;
+    nearness *= nearness;
+    return (tangent - tan_half_spread) * distance_m <= sample_patch_m ? FAINT_SHARE * nearness * nearness : 0.0;
+}
 
 #ifdef OMNI
 #define light_radius_m (face[7].x)
@@ -84,7 +100,7 @@ float delivered(vec4 light_point, vec3 p, vec3 shading_fs) {
     if (tan_half_spread > 0.0) {
         // Blender's area light spread: linear in the tangent of the angle to the light's axis
         float tangent = sqrt(max(squared_distance - emitter * emitter, 0.0)) / emitter;
-        weight *= max(1.0 - tangent / tan_half_spread, 0.0);
+        weight *= share_of_spread(tangent, emitter);
     }
     return weight;
 }

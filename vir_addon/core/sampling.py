@@ -103,6 +103,13 @@ def light_samples(light: Light, count: int) -> np.ndarray:
     return samples_m
 
 
+def sample_patch_m(light: Light, count: int) -> float:
+    """Of an area light: no place of it is farther than this from the nearest of `light_samples`, metres. Of a (0, 2)-sequence every cell of
+    a grid of at most `count` cells has a point; discs are mapped from the square."""
+    cells = 2 ** (max(count, 1).bit_length() - 1 >> 1)
+    return math.hypot(light.size_x_m, light.size_y_m) / cells
+
+
 MAX_SUN_ANGLE_RAD = math.radians(85)
 """Rays at larger angles to a sun's axis run at this one: only suns wider than 170 degrees have them."""
 

@@ -14,6 +14,7 @@ import numpy as np
 from ...device.declaration import Constant, RasterDeclaration, Sampled, Stored, Table
 from ...device.interface import Device, RenderTarget, Texture, TextureFormat
 from ...device.owned import Owned
+from ..sampling import sample_patch_m
 from ..scene import Light
 from ..views import FaceViews, light_axes
 from .opacity_maps import of_cut_outs
@@ -28,8 +29,8 @@ MIN_BLEND_COSINE = 1e-7
 
 FACE_TABLE = Table(
     13,
-    "rows of face_from_world, texel size and map size, depths, light's axis and spread, inverse sizes, radius and spot, "
-    "light_from_world, right and up of a spot's cone",
+    "rows of face_from_world, texel size and map size, depths, light's axis and spread, inverse sizes and a sample's patch, radius and "
+    "spot, light_from_world, right and up of a spot's cone",
 )
 VIEWS_TABLE = Table(
     2 * MAX_BATCH_VIEWS,
@@ -99,7 +100,7 @@ def face_table(views: FaceViews, light: Light, reference_m: float | None = None)
     table[4] = views.near_m, views.far_m, (reference_m or views.far_m) ** 2, views.light_diameter_m
     table[5, :3] = views.face.face_from_world @ light_axes(light)[2]
     table[5, 3] = 0.0 if light.spread_rad >= math.pi - 1e-4 else math.tan(light.spread_rad / 2)
-    table[6, :3] = 1 / views.texel_tangent[0], 1 / views.texel_tangent[1], max(views.texel_tangent)
+    table[6] = 1 / views.texel_tangent[0], 1 / views.texel_tangent[1], max(views.texel_tangent), sample_patch_m(light, len(views.samples_m))
     cosine = math.cos(light.cone_rad / 2)
     # Blender's: smoothstep of the cosine from the cone's edge, 0, to where the blend ends, 1
     table[7] = light.radius_m, light.has_soft_falloff, cosine, 1 / max((1 - cosine) * light.cone_blend, MIN_BLEND_COSINE)
