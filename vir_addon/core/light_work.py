@@ -16,13 +16,21 @@ from .methods import depth_map_method
 from .methods.base import DepthMapMethod, FaceJob
 from .methods.shared import SharedByFaces
 from .pass_set import PassStatistics
-from .passes.accumulate import MIN_EARLY_SETTLING_VIEWS, MIN_SETTLING_BATCHES, MIN_SETTLING_VIEWS, STATE_LIT, PassAccumulator
+from .passes.accumulate import (
+    MIN_EARLY_SETTLING_EYE_SHARE,
+    MIN_EARLY_SETTLING_VIEWS,
+    MIN_SETTLING_BATCHES,
+    MIN_SETTLING_EYE_SHARE,
+    MIN_SETTLING_VIEWS,
+    STATE_LIT,
+    PassAccumulator,
+)
 from .passes.eye import EyePass
 from .passes.percentage_closer import PERCENTAGE_CLOSER, LightTaps, light_radius_m
 from .passes.resolve import DELIVERED_FLAGS, FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, WAS_LIT
 from .passes.scene_data import SceneData
 from .passes.shadow_maps import MAX_BATCH_VIEWS, DepthMaps, face_table, samples_table, views_table
-from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
+from .plan import MAX_EYE_SAMPLES, NO_MAP_REASON, PlannedPass, RenderPlan
 from .reach import Receivers, select_receivers
 from .reflections.work import Hits, ReflectionWork
 from .sampling import light_samples, sample_weights
@@ -374,7 +382,10 @@ class LightWork(Shared):
     def _may_settle_early(self, batch: int) -> bool:
         """Once, before that."""
         return (
-            self._has_to_settle(batch) and not self.accumulator.settling_count and len(self.batch_views(batch)) >= MIN_EARLY_SETTLING_VIEWS
+            self._has_to_settle(batch)
+            and not self.accumulator.settling_count
+            and len(self.batch_views(batch)) >= MIN_EARLY_SETTLING_VIEWS
+            and self._seen_eye_share(batch) >= MIN_EARLY_SETTLING_EYE_SHARE
         )
 
     def _may_settle(self, batch: int) -> bool:
@@ -383,7 +394,12 @@ class LightWork(Shared):
             self._has_to_settle(batch)
             and batch + 1 >= MIN_SETTLING_BATCHES
             and (self.batch_views(batch).stop >= MIN_SETTLING_VIEWS or batch + 1 >= self.planned.view_count)
+            and self._seen_eye_share(batch) >= MIN_SETTLING_EYE_SHARE
         )
+
+    def _seen_eye_share(self, batch: int) -> float:
+        """Of the frame's eye samples, of those at most that anti-aliasing takes: reflections may have more."""
+        return (batch + 1) * self.plan.eye_samples_per_batch / min(self.plan.eye_sample_count, MAX_EYE_SAMPLES)
 
     def _has_to_settle(self, batch: int) -> bool:
         """Not when no batch is left to gain from it."""

@@ -14,8 +14,12 @@ from .tiles import SIZE_CONSTANTS, TILE_PX, Tiles, grid_shape, spread_to_pixels,
 ERROR_TILE_PX = 16
 MIN_SETTLING_VIEWS = 16
 MIN_SETTLING_BATCHES = 2
-"""What so many well-distributed light samples and sub-pixel offsets see alike is taken to be alike."""
+MIN_SETTLING_EYE_SHARE = 1 / 4
+"""What so many well-distributed light samples and sub-pixel offsets see alike is taken to be alike. Slivers that none of the offsets has
+met yet count in the pass as much as there are offsets left: with an eighth of 32 seen, the still life at 1920 x 1080 is off by 0.0022,
+with a quarter by 0.0010."""
 MIN_EARLY_SETTLING_VIEWS = 8
+MIN_EARLY_SETTLING_EYE_SHARE = 1 / 8
 EARLY_SETTLING_TILES = 2
 """So few light samples, those of a first batch, are enough for what is lit or background so many tiles around: most of a picture with
 much ground or sky. Shadows that they miss are faint, and as a rule there is one nearby that they do not miss."""
