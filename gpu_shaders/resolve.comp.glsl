@@ -169,7 +169,7 @@ int outline_of(int k, LookUp own, float z, bool is_round) {
     float share = above * rise * (nearer + below) / (step_up * nearer * nearer);
     // planes rise evenly or not at all, and different surfaces have nothing in common
     bool bends = rise > depth_rounding(z) && rise_below <= OUTLINE_MAX_BEND * rise;
-    is_round = nearer > MAX_NEARER_FOOTPRINTS * own.footprint && bends;
+    is_round = nearer > own_reach(MAX_NEARER_FOOTPRINTS, z, own.footprint) && bends;
     if (is_round && share < OUTLINE_ABOVE_SHARE && rise_below >= OUTLINE_MIN_BEND * rise) {
         return ABOVE;
     }
