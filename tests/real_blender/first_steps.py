@@ -9,6 +9,7 @@ sys.path.append(str(Path(__file__).parent))
 
 import bpy
 from driver import FOLDER, MODULE, SCENE, ZIP, Steps, click_button, drop_file, press, run, screenshot, show_panel, view, wait_until
+from previewing import is_rendering, passes
 
 
 def state() -> dict:
@@ -19,14 +20,6 @@ def state() -> dict:
         "properties": {kind: "vir" in getattr(bpy.types, kind).bl_rna.properties for kind in ("Scene", "Light", "Object")},
         "threads": {thread.name for thread in __import__("threading").enumerate() if "vir" in thread.name},
     }
-
-
-def passes() -> list[str]:
-    return sorted(image.name for image in bpy.data.images if image.get("vir_pass"))
-
-
-def is_rendering() -> bool:
-    return any(operator.bl_idname == "VIR_OT_render" for operator in bpy.context.window_manager.windows[0].modal_operators)
 
 
 def begin_render(near: tuple[int, int] | None = None) -> Iterator[float]:

@@ -1,6 +1,5 @@
 """What artists do in the middle of things: edit a mesh, render, disable the extension while the preview runs. A hundred lights."""
 
-import importlib
 import sys
 from pathlib import Path
 
@@ -9,47 +8,17 @@ sys.path.append(str(Path(__file__).parent))
 import bmesh
 import bpy
 from driver import FOLDER, MODULE, Steps, press, redraw, run, screenshot, show_panel, view, wait_until
+from previewing import blender_side, finish, is_rendering, make_scene, passes, shown
 
 LIGHT_COUNT = 100
 
 
-def blender_side(name: str):
-    """A module of the extension; another one after it was disabled and enabled."""
-    return importlib.import_module(f"{MODULE}.vir_addon.blender.{name}")
-
-
-def shown() -> list:
-    return list(blender_side("preview.running")._running.viewports.values())
-
-
-def finish(what: str) -> Steps:
-    yield 0.5
-    yield from wait_until(lambda: shown() and not any(one.is_busy for one in shown()), what, 400)
-    for one in shown():
-        print(f"{what}: {blender_side('preview.running').status_text(one)}", flush=True)
-        assert not one.problem and one.preview.picture is not None
-
-
-def is_rendering() -> bool:
-    return any(operator.bl_idname == "VIR_OT_render" for operator in bpy.context.window_manager.windows[0].modal_operators)
-
-
-def passes() -> list[str]:
-    return sorted(image.name for image in bpy.data.images if image.get("vir_pass"))
-
-
 def set_up() -> Steps:
-    scene = bpy.context.scene
-    bpy.ops.mesh.primitive_plane_add(size=12, location=(0, 0, -1))
-    bpy.data.objects["Light"].data.shadow_soft_size = 0.5
-    scene.vir.view_count, scene.vir.map_resolution_px = 16, 256
-    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 480, 270, 100
-    scene.render.engine = "BLENDER_WORKBENCH"
-    bpy.ops.object.select_all(action="DESELECT")
+    make_scene()
     yield from press("NUMPAD_0")
     yield 1.0
     yield from show_panel()
-    scene.vir.use_preview = True
+    bpy.context.scene.vir.use_preview = True
     yield from finish("on")
 
 

@@ -1,45 +1,19 @@
 """The preview where artists arrange their windows: two viewports, a quad view, a sidebar on the other side, an area full screen, another
 workspace; and what they change meanwhile: a light's name, a copied scene, undone edits."""
 
-import importlib
 import sys
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).parent))
 
 import bpy
-from driver import MODULE, Steps, press, redraw, run, screenshot, show_panel, view, wait_until
-
-
-def blender_side(name: str):
-    return importlib.import_module(f"{MODULE}.vir_addon.blender.{name}")
-
-
-def shown() -> list:
-    return list(blender_side("preview.running")._running.viewports.values())
-
-
-def finish(what: str, count: int = 1) -> Steps:
-    """count: viewports that have a preview"""
-    yield 0.5
-    yield from wait_until(lambda: len(shown()) == count and not any(one.is_busy for one in shown()), what, 400)
-    for one in shown():
-        print(f"{what}: {blender_side('preview.running').status_text(one)}", flush=True)
-        assert not one.problem and one.preview.picture is not None
-
-
-def is_rendering() -> bool:
-    return any(operator.bl_idname == "VIR_OT_render" for operator in bpy.context.window_manager.windows[0].modal_operators)
+from driver import Steps, press, redraw, run, screenshot, show_panel, view, wait_until
+from previewing import blender_side, finish, is_rendering, make_scene, shown
 
 
 def set_up() -> Steps:
+    make_scene()
     scene = bpy.context.scene
-    bpy.ops.mesh.primitive_plane_add(size=12, location=(0, 0, -1))
-    bpy.data.objects["Light"].data.shadow_soft_size = 0.5
-    scene.vir.view_count, scene.vir.map_resolution_px = 16, 256
-    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 480, 270, 100
-    scene.render.engine = "BLENDER_WORKBENCH"
-    bpy.ops.object.select_all(action="DESELECT")
     yield from show_panel()
     scene.vir.use_preview, scene.vir.preview_display = True, "PASS"
     yield from finish("on")
