@@ -31,7 +31,7 @@ bool is_of_point(float depth) {
 #endif
 }
 
-// How far before a receiver at depth z its own surface may be, where it is seen edge-on. Coarse maps' footprints are as long as rooms.
+// How far before a receiver at depth z its own surface may be, if it is so many footprints. Those of coarse maps are as long as rooms.
 float own_reach(float footprints, float z, float footprint) {
     float reach = footprints * footprint;
 #ifdef ORTHOGRAPHIC
@@ -224,6 +224,7 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
     bool at_outline = false;
     bool is_own_or_crosses = is_below(own.depth, own.height, p.z, own.footprint);
     float certain = own_reach(CERTAIN_FOOTPRINTS, p.z, own.footprint);
+    float at_hand = own_reach(MAX_NEARER_FOOTPRINTS, p.z, own.footprint);
     float highest = own.height;  // of the texels around the place
 #ifdef POINT_MAPS
     // A texel is covered if a point lies anywhere in it, which enlarges outlines by half a texel all around, less what the points lie
@@ -235,7 +236,7 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
     vec3 heights = vec3(height_of(own, depths.x, beyond_step.x), height_of(own, depths.y, beyond_step.y),
                         height_of(own, depths.z, beyond_step.x + beyond_step.y));
     // what crosses the plane in one texel does so in the next ones
-    float reach = is_own_or_crosses ? certain : own_reach(MAX_NEARER_FOOTPRINTS, p.z, own.footprint);
+    float reach = is_own_or_crosses ? certain : at_hand;
     at_outline = of_point && (leaves_in_sight(depths.x, heights.x, p.z, own.footprint, reach) ||
                               leaves_in_sight(depths.y, heights.y, p.z, own.footprint, reach) ||
                               leaves_in_sight(depths.z, heights.z, p.z, own.footprint, reach));
@@ -249,7 +250,7 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
         float depth_up = stored_depth(own.address + up);
         float height_up = height_of(own, depth_up, dot(own.facing_step, vec2(up)));
         bool ends = at_outline || leaves_in_sight(depth_up, height_up, p.z, own.footprint, certain);
-        if (own.depth >= p.z - own_reach(MAX_NEARER_FOOTPRINTS, p.z, own.footprint)) {
+        if (own.depth >= p.z - at_hand) {
             // so near the receiver's surface has folds; a wall goes on where it was
             return ends || abs(depth_up - own.depth) > certain;
         }

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from ..passes.percentage_closer import NearestDepth
 from ..passes.shadow_maps import DepthMaps
-from .base import FaceJob
+from .base import DepthMapMethod, FaceJob
 from .kept_map import KeptMap
 from .mvr import MultiviewRasterization
 
@@ -30,9 +30,7 @@ class PercentageCloserSoftShadows(KeptMap):
     def maps_of(self, selected: range, lend: Callable[[], DepthMaps]) -> DepthMaps:
         if not self.has_cut_outs:
             return super().maps_of(selected, lend)
-        maps = lend()
-        self.fill(maps, selected)
-        return maps
+        return DepthMapMethod.maps_of(self, selected, lend)
 
     def _fill(self, maps: DepthMaps, selected: range) -> None:
         super()._fill(maps, selected)
