@@ -47,11 +47,9 @@ vec3 seen_lamp(Gloss gloss, vec3 p_ws, vec3 normal_fs, vec3 to_eye, vec3 p_fs, f
     return reflected * dot(p_fs, p_fs) / (lamp_area * facing);
 #else
     float fading = 1.0;
-#ifndef ORTHOGRAPHIC
-    if (tan_half_spread > 0.0) {
-        float cosine = -dot(light_axis_fs, direction);
-        fading = max(1.0 - sqrt(max(1.0 - cosine * cosine, 0.0)) / (cosine * tan_half_spread), 0.0);
-    }
+#ifdef SPREAD
+    float cosine = -dot(light_axis_fs, direction);
+    fading = max(1.0 - sqrt(max(1.0 - cosine * cosine, 0.0)) / (cosine * tan_half_spread), 0.0);
 #endif
     return reflected * fading * reference_squared_distance / (lamp_area * arriving);
 #endif

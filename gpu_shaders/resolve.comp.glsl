@@ -201,10 +201,9 @@ bool is_flat_around(ivec2 pixel, vec3 normal) {
     for (int i = 0; i < 4; i++) {
         ivec2 neighbour = pixel + ((i & 1) == 0 ? ivec2(i - 1, 0) : ivec2(0, i - 2));
         ivec2 within = clamp(neighbour, ivec2(0), ivec2(width, height) - 1);
-        // beyond the picture's edge is nothing, and where nothing was seen normals are not written
-        bool is_seen = neighbour == within && texelFetch(positions, within, 0).w >= 0.0;
+        // beyond the picture's edge is nothing, and where nothing is seen the normal is 0
         vec3 other = texelFetch(normals, within, 0).xyz;
-        flat_around = flat_around || (is_seen && all(lessThan(abs(other - normal), vec3(FLAT_NORMAL_DIFFERENCE))));
+        flat_around = flat_around || (neighbour == within && all(lessThan(abs(other - normal), vec3(FLAT_NORMAL_DIFFERENCE))));
     }
     return flat_around;
 }
@@ -212,8 +211,10 @@ bool is_flat_around(ivec2 pixel, vec3 normal) {
 // Whether a point is seen that its own texel left undecided. is_round: whether the surface is curved as far as the picture shows
 bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
     LookUp own = look_up(k, p, normal_fs, map_position(k, p), depth_at(k, p));
+    // once for all that ask: software rasterizers run every branch
+    int outline = outline_of(k, own, p.z, is_round);
     if (own.depth >= p.z + MAX_DEEPER_FOOTPRINTS * own.footprint) {
-        return outline_of(k, own, p.z, is_round) != ABOVE;
+        return outline != ABOVE;
     }
     ivec2 toward = ivec2(own.offset.x > 0.0 ? 1 : -1, own.offset.y > 0.0 ? 1 : -1);
     vec2 facing_step = own.facing_step * vec2(toward);
@@ -257,11 +258,11 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
         // above the plane are points' planes, too, that were carried past facets' edges, but not by so much
         ends = ends && !(of_point && highest > POINT_MAX_RISE_FOOTPRINTS * own.footprint);
         bool tells = !of_point || !is_above_centre || (is_far && highest > POINT_MIN_RISE_FOOTPRINTS * own.footprint);
-        return ends && !(tells && outline_of(k, own, p.z, is_round) == ABOVE);
+        return ends && !(tells && outline == ABOVE);
     }
 #ifdef POINT_MAPS
     if (is_far) {
-        return at_outline && !(is_grazed(own) && !is_above_centre && outline_of(k, own, p.z, is_round) == ABOVE);
+        return at_outline && !(is_grazed(own) && !is_above_centre && outline == ABOVE);
     }
 #endif
     // What is so near may touch the receiver within the texel, or be the receiver itself, curved. How it rises away from the point tells
@@ -277,7 +278,7 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
 #endif
     // a texel whose centre is on the plane's upper side has the surface only if it was enlarged
     bool may_pass = is_grazed(own) && (of_point || is_above_centre);
-    return seen || (may_pass && outline_of(k, own, p.z, is_round) == BELOW);
+    return seen || (may_pass && outline == BELOW);
 }
 
 struct Receiver {

@@ -8,6 +8,7 @@
 #define sample_patch_m (face[6].w)  // no place of the light is farther from the nearest sample
 #define reference_squared_distance (face[4].z)  // keeps sums near 1 in scenes of any scale
 
+#ifdef SPREAD
 // Beyond its spread a sample still says something of its patch of the light: of narrow spreads a receiver may be within that of places
 // between samples only. It counts next to nothing where any other counts, and less by far than a nearer one.
 const float FAINT_SHARE = 1.0e-4;
@@ -22,6 +23,7 @@ float share_of_spread(float tangent, float distance_m) {
     nearness *= nearness;
     return (tangent - tan_half_spread) * distance_m <= sample_patch_m ? FAINT_SHARE * nearness * nearness : 0.0;
 }
+#endif
 
 #ifdef OMNI
 #define light_radius_m (face[7].x)
@@ -97,11 +99,11 @@ float delivered(vec4 light_point, vec3 p, vec3 shading_fs) {
     }
     float inverse = 1.0 / squared_distance;
     float weight = (receiver * inverse) * (emitter * inverse) * reference_squared_distance;
-    if (tan_half_spread > 0.0) {
-        // Blender's area light spread: linear in the tangent of the angle to the light's axis
-        float tangent = sqrt(max(squared_distance - emitter * emitter, 0.0)) / emitter;
-        weight *= share_of_spread(tangent, emitter);
-    }
+#ifdef SPREAD
+    // Blender's area light spread: linear in the tangent of the angle to the light's axis
+    float tangent = sqrt(max(squared_distance - emitter * emitter, 0.0)) / emitter;
+    weight *= share_of_spread(tangent, emitter);
+#endif
     return weight;
 }
 #endif

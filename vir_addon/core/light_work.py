@@ -198,6 +198,8 @@ class LightWork(Shared):
             self.resolve_flags += ["OMNI"] + ["SPHERE"] * has_sphere + ["CONE"] * (self.light.shape is LightShape.SPOT)
         if self.light.shape is LightShape.SUN:
             self.resolve_flags.append("ORTHOGRAPHIC")
+        if self.light.is_spread_limited:
+            self.resolve_flags.append("SPREAD")
         self.receivers = store.no_receivers
         with Owned() as owned:
             # kernels are bound to sums also where nothing is added

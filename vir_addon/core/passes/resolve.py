@@ -102,6 +102,7 @@ RESOLVE = ComputeDeclaration(
         "OMNI": "the light shines from its centre to all sides, not from a plane",
         "SPHERE": "with OMNI: from a sphere around its centre",
         "CONE": "with OMNI: into a spot's cone only",
+        "SPREAD": "an area light's cone is narrower than what lies before it",
         "RECEIVER_LINKING": "leave out instances that the light does not illuminate",
         "MANY_FACES": "several faces share the directions",
         "POINT_MAPS": "the maps were splatted: undo the half texel by which that enlarges outlines",
@@ -112,5 +113,5 @@ RESOLVE = ComputeDeclaration(
     defines={**TILE_DEFINES, **TURN_DEFINES, **SETTLED_DEFINES, **TOLERANCES},
 )
 
-DELIVERED_FLAGS = ("ORTHOGRAPHIC", "OMNI", "SPHERE", "CONE")
+DELIVERED_FLAGS = ("ORTHOGRAPHIC", "OMNI", "SPHERE", "CONE", "SPREAD")
 """what lib/delivered.glsl asks for"""

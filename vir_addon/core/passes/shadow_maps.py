@@ -99,7 +99,7 @@ def face_table(views: FaceViews, light: Light, reference_m: float | None = None)
     table[3] = *views.texel_tangent, views.map_width_px, views.map_height_px
     table[4] = views.near_m, views.far_m, (reference_m or views.far_m) ** 2, views.light_diameter_m
     table[5, :3] = views.face.face_from_world @ light_axes(light)[2]
-    table[5, 3] = 0.0 if light.spread_rad >= math.pi - 1e-4 else math.tan(light.spread_rad / 2)
+    table[5, 3] = math.tan(light.spread_rad / 2) if light.is_spread_limited else 0.0
     table[6] = 1 / views.texel_tangent[0], 1 / views.texel_tangent[1], max(views.texel_tangent), sample_patch_m(light, len(views.samples_m))
     cosine = math.cos(light.cone_rad / 2)
     # Blender's: smoothstep of the cosine from the cone's edge, 0, to where the blend ends, 1

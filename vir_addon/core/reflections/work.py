@@ -99,7 +99,6 @@ class ReflectionWork:
         """Something but lights lights surfaces."""
         self.statistics = ReflectionStatistics(bounces=planned.bounces)
         zeros = np.zeros((height, width, 4), np.float32)
-        background = np.full((height, width, 4), (0, 0, 0, -1), np.float32)
         self._emitters, self.emitter_count = emitters, emitters.triangle_count
         self._drawn = Owned()
         """maps, which instances have which, and what shines"""
@@ -119,8 +118,8 @@ class ReflectionWork:
                 seen_from = eye.buffers[part].positions
                 for _ in range(planned.bounces):
                     # RESOLVE asks for neighbours, and beyond the tiles nothing is written
-                    positions = owned.own(self.device.upload_texture(background))
-                    hits = Hits(part, GBuffer(positions, texture()), seen_from, texture(), texture(), texture())
+                    normals = owned.own(self.device.upload_texture(zeros))
+                    hits = Hits(part, GBuffer(texture(), normals), seen_from, texture(), texture(), texture())
                     self.hits[part].append(hits)
                     seen_from = hits.buffer.positions
             self.sums = {name: owned.own(self.device.upload_texture(zeros)) for name in ("radiance_sums", "color_sums")}
