@@ -59,7 +59,7 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -
     if light.receivers is not None:
         surface &= light.receivers[np.maximum(positions[..., 3], 0).astype(np.int64)]
     points = positions[surface][:, :3].astype(np.float64)
-    normal = normals[surface][:, :3]
+    normal = normals[surface][:, :3].astype(np.float64)
     axes, center = light_axes(light), light.world_from_light[:3, 3]
     half = np.hypot(light.size_x_m, light.size_y_m) / 2
     p = _along(axes, points - center)
@@ -103,8 +103,8 @@ def lit_places(light: Light, p_ls: np.ndarray) -> np.ndarray:
 
 
 def _along(axes: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """(n, 3) components of vectors along the rows of axes, (3, 3). Each component lies together; multiplied the other way around, these
-    take up to thirty times as long."""
+    """(n, 3) components of vectors along the rows of axes, (3, 3) float64 both. Each component lies together; multiplied the other way around,
+    or of different types, these take up to thirty times as long."""
     components: np.ndarray = axes @ vectors.T
     return components.T
 
