@@ -103,8 +103,8 @@ def lit_places(light: Light, p_ls: np.ndarray) -> np.ndarray:
 
 
 def _along(axes: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """(n, 3) components of vectors along the rows of axes, (3, 3) float64 both. Each component lies together; multiplied the other way around,
-    or of different types, these take up to thirty times as long."""
+    """(n, 3) components of vectors along the rows of axes, (3, 3), both float64. Each component lies together; multiplied the other way
+    around, or of different types, these take up to thirty times as long."""
     components: np.ndarray = axes @ vectors.T
     return components.T
 
