@@ -191,7 +191,7 @@ int sight(int k, vec3 p, vec3 normal_fs, float depth) {
         bool is_beyond = HAS_CENTRES_BEYOND && own.depth >= p.z + MAX_DEEPER_FOOTPRINTS * own.footprint;
         return is_beyond && dot(own.offset, own.facing_step) < 0.0 && is_grazed(own) ? UNDECIDED : SEEN;
     }
-    bool is_far = own.depth <= p.z - CONTACT_FOOTPRINTS * own.footprint;
+    bool is_far = own.depth <= p.z - own_reach(CONTACT_FOOTPRINTS, p.z, own.footprint);
     return is_of_point(own.depth) || !is_far || is_below(own.depth, own.height, p.z, own.footprint) ? UNDECIDED : HIDDEN;
 }
 
@@ -218,7 +218,7 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
     }
     ivec2 toward = ivec2(own.offset.x > 0.0 ? 1 : -1, own.offset.y > 0.0 ? 1 : -1);
     vec2 facing_step = own.facing_step * vec2(toward);
-    float contact = CONTACT_FOOTPRINTS * own.footprint;
+    float contact = own_reach(CONTACT_FOOTPRINTS, p.z, own.footprint);
     bool of_point = is_of_point(own.depth);
     bool is_far = own.depth <= p.z - contact;
     bool is_above_centre = dot(own.offset, own.facing_step) > 0.0;
@@ -271,7 +271,14 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
     vec2 rise = vec2(height_of(own, away.x, -facing_step.x), height_of(own, away.y, -facing_step.y)) - own.height;
     // beyond an outline is another surface, or nothing at an infinite height
     rise = mix(vec2(0.0), rise, lessThan(abs(away - own.depth), vec2(contact)));
-    bool seen = own.height <= dot(abs(own.offset), rise);
+    // what stands well above the plane in the next texel as well comes down no faster than it does on the way there: a floor of something
+    // hollow, whose wall rises on the other side
+    vec2 on = vec2(stored_depth(own.address + ivec2(toward.x, 0)), stored_depth(own.address + ivec2(0, toward.y)));
+    vec2 height_on = vec2(height_of(own, on.x, facing_step.x), height_of(own, on.y, facing_step.y));
+    bvec2 goes_on = bvec2(on.x < p.z && height_on.x > GOES_ON_FOOTPRINTS * own.footprint,
+                          on.y < p.z && height_on.y > GOES_ON_FOOTPRINTS * own.footprint);
+    vec2 fall = mix(rise, min(rise, max(own.height - height_on, vec2(0.0))), goes_on);
+    bool seen = own.height <= dot(abs(own.offset), fall);
 #ifdef POINT_MAPS
     // only what comes down to the receiver between the texels touches it; other outlines are enlarged ones
     seen = seen || (at_outline && own.height >= rise.x + rise.y);

@@ -1,5 +1,7 @@
 """No light leaves a closed box, whatever the resolution and wherever its faces look."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from tests.scenes import (
     rectangle,
     render_pass,
     snapshot,
+    spot_light,
 )
 from vir_addon.core.settings import PointStorage
 
@@ -86,3 +89,51 @@ def test_nothing_leaks_where_the_light_would_graze(device, method, light):
         background = background if background is not None else image == 1
         np.testing.assert_array_equal(image == 1, background)
     assert 0.3 < background.mean() < 0.5
+
+
+def balls_around_a_random_box(seed):
+    """A box turned at random, with a light anywhere in it, and balls, smooth and faceted, that do not touch it."""
+    random = np.random.default_rng(seed)
+    half = random.uniform(0.15, 0.8, 3)
+    axes = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    axes *= np.linalg.det(axes)
+    radius_m = 0.9 * random.uniform(0.05, 0.8) * half.min()
+    eye = axes @ (random.uniform(-1, 1, 3) * (half - radius_m))
+    aim = eye + random.normal(size=3)
+    light = (
+        area_light(eye=eye, target=aim, size_m=(1.2 * radius_m, 0.8 * radius_m)),
+        point_light(eye=eye, radius_m=radius_m),
+        spot_light(eye=eye, target=aim, radius_m=radius_m, cone_rad=2.5),
+    )[seed % 3]
+    straight = box("around", (0, 0, 0), half)
+    meshes = [dataclasses.replace(straight, positions_os=(straight.positions_os @ axes.T).astype(np.float32))]
+    for k in range(5):
+        away, ball_m = random.normal(size=3), random.uniform(0.2, 0.9)
+        centre = away / np.linalg.norm(away) * (np.linalg.norm(half) + ball_m + random.uniform(0.1, 1.2))
+        row_count, bump_share = random.choice([5, 8, 16, 32, 64]), random.choice([0.0, 0.1])
+        meshes.append(bumpy_sphere(f"ball {k}", centre, ball_m, row_count, bump_share=bump_share, smooth=bool(k % 2)))
+    side = random.uniform(0, 2 * np.pi)
+    camera = perspective_camera((7 * np.cos(side), 7 * np.sin(side), 2.0), (0.0, 0.0, 0.0), WIDTH, HEIGHT)
+    return snapshot(meshes, [light], camera, WIDTH, HEIGHT)
+
+
+@pytest.mark.parametrize("method", METHODS[:2])
+@pytest.mark.parametrize("seed", [0, 2, 10, 14, 19, 30, 34, 36, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(100, 140))])
+def test_nothing_leaks_from_a_random_box(device, method, seed):
+    scene = balls_around_a_random_box(seed)
+    for resolution_px in (16, 23, 33, 50):
+        image = render_pass(scene, device, method=method, view_count=8, map_resolution_px=resolution_px)
+        assert set(np.unique(image)) == {0.0, 1.0}, f"{image[image < 1].max():.4f} at most, in maps of {resolution_px} texels"
+
+
+@pytest.mark.parametrize("method", METHODS_AND_HYBRID)
+def test_nothing_leaks_below_a_hovering_box(device, method):
+    """Its walls rise beside its floor, which hovers less than a texel above what it shadows."""
+    random = np.random.default_rng(15)
+    half, height_m = random.uniform(0.3, 0.7, 3), random.uniform(0.05, 0.3)
+    centre = (0.0, 0.0, half[2] + height_m)
+    meshes = [floor(6.0), box("around", centre, half, turn_rad=random.uniform(0, 1.5))]
+    camera = perspective_camera((0.0, -4.0, 0.6), (0.0, 0.0, 0.2), WIDTH, HEIGHT, 0.3)
+    scene = snapshot(meshes, [point_light(eye=centre, radius_m=0.15)], camera, WIDTH, HEIGHT)
+    image = render_pass(scene, device, method=method, view_count=8, map_resolution_px=16)
+    assert set(np.unique(image)) == {0.0, 1.0}

@@ -43,8 +43,11 @@ TOLERANCES: dict[str, int | float] = {
     "MAX_NEARER_FOOTPRINTS": 8.0,
     # ... so may what is nearer by this share of its distance, where maps are so coarse that it is less.
     "MAX_NEARER_SHARE": 1 / 8,
-    # What stands before the receiver by less may touch it within a texel: so steep are walls that are told from outlines.
+    # What stands before the receiver by less, and by less than that share, may touch it within a texel: so steep are walls that are told
+    # from outlines.
     "CONTACT_FOOTPRINTS": 16.0,
+    # What is higher above the plane in the next texel, too, has not come down to it before: folds within a texel are lower.
+    "GOES_ON_FOOTPRINTS": 1 / 2,
     # Rasterizers round corners to 256ths of a texel, which moves a plane by at most sqrt(2) of these.
     "COPLANAR_FOOTPRINTS": 1 / 128,
     # How high above the tangent plane a stored point may lie and still be the receiver: curvature, as an angle, ...
