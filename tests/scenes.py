@@ -247,7 +247,7 @@ def matte(albedo: Sequence[float] = (0.8, 0.8, 0.8), emission: Sequence[float] =
 
 
 def scaled(scene: SceneSnapshot, factor: float) -> SceneSnapshot:
-    """The same picture in another unit."""
+    """The same picture in another unit: suns have an angle and no size, and lamps the power that lights it as before."""
     meshes = tuple(
         dataclasses.replace(mesh, positions_os=(mesh.positions_os * np.float64(factor)).astype(np.float32)) for mesh in scene.meshes
     )
@@ -267,9 +267,9 @@ def scaled(scene: SceneSnapshot, factor: float) -> SceneSnapshot:
     for light in scene.lights:
         matrix = light.world_from_light.copy()
         matrix[:3, 3] *= factor
-        lights.append(
-            dataclasses.replace(light, world_from_light=matrix, size_x_m=light.size_x_m * factor, size_y_m=light.size_y_m * factor)
-        )
+        length, power = (1.0, 1.0) if light.shape is LightShape.SUN else (factor, factor**2)
+        sizes = {"size_x_m": light.size_x_m * length, "size_y_m": light.size_y_m * length}
+        lights.append(dataclasses.replace(light, world_from_light=matrix, strength=light.strength * power, **sizes))
     return dataclasses.replace(
         scene,
         meshes=meshes,

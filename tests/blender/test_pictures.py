@@ -53,6 +53,32 @@ def test_far_from_the_origin_is_the_same_picture(still_life, device, method):
         assert np.abs(far[name] - image).max() <= 1 / 255, name
 
 
+@pytest.mark.parametrize(("factor", "shift_m"), [(1, (100_003, -99_997, 100_001)), (1000, FAR_M), (1000, (0, 0, 0)), (1e-3, (0, 0, 0))])
+@pytest.mark.parametrize("kind", ["SUN", "AREA"])
+def test_in_another_unit_and_far_away_is_the_same_picture(still_life, add, device, factor, shift_m, kind):
+    """Whatever grid the origin is moved on."""
+    if kind == "SUN":
+        objects = still_life.objects
+        for name in ("Key", "Rim"):
+            bpy.data.objects.remove(objects[name])
+        add.light("Low", "SUN", data={"energy": 3.0, "angle": 0.1}, location=(3.0, 1.0, 2.0), rotation_euler=(0.0, 1.1, 0.3))
+    add.light("Noon", kind, data={"energy": 2.0}, location=(-1.0, 2.0, 6.0), rotation_euler=(-0.3, -0.2, 0.0))
+    near = passes_of(still_life, device)
+    for placed in still_life.objects:
+        placed.location = [factor * at + shift for at, shift in zip(placed.location, shift_m, strict=True)]
+        if placed.type == "MESH":
+            placed.scale = [factor * size for size in placed.scale]
+        if placed.type == "LIGHT" and kind == "AREA":
+            placed.data.size *= factor
+            placed.data.energy *= factor**2
+    still_life.camera.data.clip_start *= factor
+    still_life.camera.data.clip_end *= factor
+    far = passes_of(still_life, device)
+    for name, image in near.items():
+        assert image.std() > 0.1
+        assert np.abs(far[name] - image).max() <= 1 / 255, name
+
+
 def test_light_linking_reaches_the_picture(still_life, add, device):
     """Key's shadow does not come from the box, Rim does not light it; the lamella casts nothing at all at last."""
     plain = passes_of(still_life, device)

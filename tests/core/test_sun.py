@@ -22,6 +22,7 @@ from tests.scenes import (
     sun_light,
 )
 from vir_addon.core.settings import Method, PointStorage
+from vir_addon.core.views import LATTICE_STRIDE
 
 WIDTH, HEIGHT = 96, 12
 EDGE_HEIGHT_M = 1.0
@@ -126,17 +127,47 @@ def test_points_as_they_come_make_the_same_picture(device):
     )
 
 
-def test_lattice_hangs_on_the_world(device):
+def lattice_places(views):
+    """(view_count, 2) where, in texels of its map, each view has the world's origin"""
+    x, y, z = views.face.face_from_world @ -views.origin_ws
+    return (np.array([x, y]) - views.centers_fs[:, :2] - views.samples_m[:, :2] * z) / views.texel_tangent
+
+
+def fitted_views(scene, device):
+    with prepared_renderer(scene, device, method=Method.MVR, view_count=8, map_resolution_px=256) as renderer:
+        return renderer.works[0].faces[0][0].views
+
+
+def test_lattice_stays_when_the_camera_moves(device):
     """Texels of two pictures' maps are the same ones, however the camera looks: windows differ by whole texels of one ladder."""
-    texels, origins = [], []
-    for centre in ((0.0, 0.0), (0.37, 0.11)):
-        scene = half_plane(sun_light(eye=(1.0, 0.5, 2.0)), 2.0, centre)
-        with prepared_renderer(scene, device, method=Method.MVR, view_count=8, map_resolution_px=256) as renderer:
-            views = renderer.works[0].faces[0][0].views
-            texels.append(views.texel_tangent)
-            # where the map's corner is in the world, in texels: a whole number from one common place
-            origins.append(
-                (views.centers_fs[:, :2] - views.samples_m[:, :2] * (views.origin_ws @ views.face.face_from_world[2])) / texels[-1]
-            )
-    assert texels[0] == texels[1]
-    np.testing.assert_allclose(origins[0], origins[1], atol=1e-6)
+    light = sun_light(eye=(1.0, 0.5, 2.0))
+    first, second = (fitted_views(half_plane(light, 2.0, centre), device) for centre in ((0.0, 0.0), (0.37, 0.11)))
+    assert first.texel_tangent == second.texel_tangent
+    apart = lattice_places(first) - lattice_places(second)
+    np.testing.assert_allclose(apart, np.round(apart), atol=1e-6)
+    assert not np.array_equal(first.window_texels, second.window_texels)
+
+
+def test_lattice_stays_when_an_object_moves(device):
+    """Unless it is the largest of the scene, in which case it takes the lattice along."""
+    light, places = sun_light(eye=(1.0, 0.5, 2.0)), []
+    for moved in ((0, 0), (0, 0.0123), (0.0123, 0)):
+        scene = half_plane(light, 2.0)
+        instances = dataclasses.replace(scene.instances, world_from_object=scene.instances.world_from_object.copy())
+        instances.world_from_object[:, 0, 3] = moved
+        places.append(lattice_places(fitted_views(dataclasses.replace(scene, instances=instances), device)))
+    still, other, largest = places
+    np.testing.assert_allclose(other - still, np.round(other - still), atol=1e-6)
+    assert np.abs(largest - still - np.round(largest - still)).max() > 1e-3
+
+
+def test_what_is_stored_of_a_lattice_far_away_is_small(device):
+    """A place of the picture a kilometre from the largest object is as sharp as one beside it."""
+    light = sun_light(eye=(1.0, 0.5, 2.0), angle_rad=0.3)
+    occluder = rectangle("half plane", (-1, -1, EDGE_HEIGHT_M), (1, 0, 0), (0, 2, 0))
+    ground = rectangle("ground", (-1.0, -1.0, 0.0), (2000.0, 0.0, 0.0), (0.0, 2000.0, 0.0))
+    scene = snapshot([ground, occluder], [light], camera_from_above((0.0, 0.0), 1.0, WIDTH, HEIGHT), WIDTH, HEIGHT)
+    views = fitted_views(scene, device)
+    assert np.abs(views.window_texels).max() < LATTICE_STRIDE
+    assert np.abs(views.centers_fs[:, :2] / views.texel_tangent).max() <= 0.5
+    assert max(views.texel_tangent) < 4 / views.map_width_px

@@ -10,6 +10,8 @@ from .scene import SceneSnapshot
 
 FLAT_TOLERANCE = 1e-5
 """thickness over extent below which a mesh counts as flat"""
+SAME_SIZE = 1e-4
+"""share by which sizes may differ and count as one: rounding does not choose between objects that are equally large"""
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,11 @@ class SceneBounds:
     """(mesh_count,) int64 axis along which the mesh has no thickness, -1 for others"""
     corners_ws: np.ndarray
     """(instance_count, 8, 3) float64 corners of the instances' boxes"""
+    yardstick_m: float
+    """diagonal of the largest instance's box: a length that grows with the scene and, unless this very object deforms, stays as it is
+    whatever moves; 1 where nothing has a size"""
+    yardstick_ws: np.ndarray
+    """(3,) float64 the middle of that box"""
 
 
 def compute_bounds(snapshot: SceneSnapshot) -> SceneBounds:
@@ -31,7 +38,13 @@ def compute_bounds(snapshot: SceneSnapshot) -> SceneBounds:
     corners_os = mesh_bounds_os[:, pick, np.arange(3)][snapshot.instances.mesh_index]
     matrix = snapshot.instances.world_from_object.astype(np.float64)
     corners_ws = np.einsum("nij,nkj->nki", matrix[:, :3, :3], corners_os) + matrix[:, None, :3, 3]
-    return SceneBounds(mesh_bounds_os, flat_axis, corners_ws)
+    # turning an object leaves the lengths of its box's sides alone
+    sides_m = np.linalg.norm(matrix[:, :3, :3], axis=1) * extent[snapshot.instances.mesh_index]
+    sizes_m = np.linalg.norm(sides_m, axis=1)
+    if not sizes_m.any():
+        return SceneBounds(mesh_bounds_os, flat_axis, corners_ws, 1.0, np.zeros(3))
+    largest = int(np.argmax(sizes_m >= (1 - SAME_SIZE) * sizes_m.max()))
+    return SceneBounds(mesh_bounds_os, flat_axis, corners_ws, float(sizes_m[largest]), corners_ws[largest].mean(axis=0))
 
 
 def cullable_instances(snapshot: SceneSnapshot, bounds: SceneBounds, eyes_ws: np.ndarray | None) -> np.ndarray:

@@ -36,6 +36,8 @@ FACES_OF_INSTANCE = 2
 """of a cube, that an instance is drawn for; others do not see it"""
 IVIR_SHARE = 1.3
 """time of ivir's cloud for that of epr's"""
+LEAST_DISTANCE_SHARE = 1e-6
+"""of the scene's largest object: nearer casters count as so far away, for the light is within them"""
 MAX_LAYERS = 16
 """surfaces one behind the other that large triangles are taken to fill the maps with"""
 POINTS_PER_TEXEL = 2.0
@@ -285,7 +287,7 @@ def _estimate_casters(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds
     # of a shade, whose middle is the lamp, or of a wall beside it, the surface is where its box ends
     distance = np.linalg.norm(bounds.corners_ws[casters] - light.world_from_light[:3, 3], axis=-1).mean(axis=-1)
     tangent = np.repeat([face.texel_tangent for face in faces], [len(face.caster_indices) for face in faces])
-    texel = tangent if light.shape is LightShape.SUN else np.maximum(distance, 1e-3) * tangent
+    texel = tangent if light.shape is LightShape.SUN else np.maximum(distance, LEAST_DISTANCE_SHARE * bounds.yardstick_m) * tangent
     facing = np.where([mesh.is_closed for mesh in snapshot.meshes], 0.5, 1.0)[mesh]
     texel_area, texel_perimeter = statistics[:, 0] * (scale / texel) ** 2, statistics[:, 1] * scale / texel
     small_share, small_area_share = _small_shares(sizes, mesh, SMALL_PERIMETER_TEXELS * texel / np.maximum(scale, 1e-30))

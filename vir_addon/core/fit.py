@@ -16,6 +16,7 @@ from .eye_pixels import EyePixels
 from .reach import CasterSet, Receivers, shadowing_casters
 from .scene import Light, LightShape, SceneSnapshot
 from .views import (
+    LEAST_WIDTH,
     NEAR_SHARE_OF_FAR,
     Face,
     FaceViews,
@@ -263,13 +264,14 @@ def fit_sun(
     casters: CasterSet,
     receivers: Receivers,
     resolution_px: int,
+    bounds: SceneBounds,
     searched_m: np.ndarray | None = None,
 ) -> FittedFace:
     """Windows of all views of a sun: what casts, however far towards the sun, intersected with the receivers. The lattice hangs on the
-    world's origin, whatever depth is counted from."""
+    scene's largest object, whatever depth is counted from."""
     axes, limits = light_axes(light), (-np.inf, np.inf, -np.inf, np.inf)
     face = Face("sun", 0, axes, limits)
-    points, corners = receivers.points_ws @ axes.T, casters.corners_ws @ axes.T
+    points, corners = ((places_ws - bounds.yardstick_ws) @ axes.T for places_ws in (receivers.points_ws, casters.corners_ws))
     farthest = float(points[:, 2].max())
     deepest_first = corners[..., 2].min(axis=-1)
     if searched_m is not None:
@@ -294,14 +296,14 @@ def fit_sun(
     windows = np.stack(found, axis=1) if exact else np.tile(_union(np.stack(found, axis=1))[:, None], len(samples_m))
     windows[:, _is_empty(windows)] = 0
     first = float(deepest_first[needed].min())
-    depth_m = max(farthest - first, 1e-6) * (1 + min(receivers.margin, 1.0))
+    depth_m = max(farthest - first, LEAST_WIDTH * bounds.yardstick_m) * (1 + min(receivers.margin, 1.0))
     near_m = float(NEAR_SHARE_OF_FAR * depth_m)
     start = first - 2 * near_m
     # moving the origin along the axis moves a sheared view: its centre moves back by as much
     centers_fs = samples_m * start
-    views = fit_windows(
-        face, centers_fs, samples_m, windows.T, resolution_px, near_m, depth_m + 3 * near_m, start * axes[2], shear_depth_m=depth_m
-    )
+    far_m, origin_ws = depth_m + 3 * near_m, bounds.yardstick_ws + start * axes[2]
+    unit_m = bounds.yardstick_m
+    views = fit_windows(face, centers_fs, samples_m, windows.T, resolution_px, near_m, far_m, origin_ws, shear_depth_m=depth_m, unit=unit_m)
     return FittedFace(views, casters.indices[needed], seen[:, needed], near_m)
 
 
@@ -324,7 +326,7 @@ def fit_light(
         return [], False
     casters = shadowing_casters(snapshot, light, bounds, receivers.points_ws, samples_m if searched_m is None else searched_m)
     if light.shape is LightShape.SUN:
-        return [fit_sun(light, samples_m, casters, receivers, resolution_px, searched_m)], False
+        return [fit_sun(light, samples_m, casters, receivers, resolution_px, bounds, searched_m)], False
     faces = choose_faces(light, receivers.points_ws, samples_m)
     fitted = (fit_face(face, light, samples_m, casters, receivers, resolution_px, pixels, searched_m) for face in faces)
     return [face for face in fitted if face is not None], len(faces) > 1

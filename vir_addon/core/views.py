@@ -6,7 +6,8 @@ of its axes) as long as all receivers lie within MAX_SINGLE_FACE_TANGENT of it; 
 
 All views of a face share its orientation and its texel size, they differ in the view's centre (the light sample) and in the
 window's place on the texel lattice. Texel sizes come from a geometric ladder and windows start at whole texels, so a
-moving camera shifts lattices by whole texels and shadows do not swim.
+moving camera shifts lattices by whole texels and shadows do not swim. What is measured in metres, for suns, hangs on the scene's largest
+object: its size is a step of the ladder and its middle a place of the lattice, so the picture does not depend on units or the origin.
 """
 
 from __future__ import annotations
@@ -28,8 +29,12 @@ MAP_SIZE_STEP_PX = 32
 MIN_PARALLAX_SHARE = 0.5
 """A map is at least this share as wide as its window wanders from view to view. A few pixels that see a corner of a room would
 ask for any density of points over everything between them and the light, to resolve what its size blurs."""
+LEAST_WIDTH = 1e-6
+"""of a window, in the ladder's unit: one that nothing is seen in has a texel's size as well"""
 MAX_LATTICE_INDEX = 1 << 18
 """float32 still tells thirty-second parts of a texel apart"""
+LATTICE_STRIDE = 1 << 12
+"""texels by which a sun's face space is moved to the picture: where windows move by less it stays, to the last bit"""
 NEAR_SHARE_OF_FAR = 1e-4
 """Surfaces nearer to a view than this share of the farthest receiver neither cast nor count: the light touches them."""
 MIN_RECEIVER_MARGIN = 0.02
@@ -113,7 +118,7 @@ class FaceViews:
 
     face: Face
     centers_fs: np.ndarray
-    """(view_count, 3) float64 view centres in face space"""
+    """(view_count, 3) float64 view centres in face space; of suns, within half a texel of its axis, as whole ones are the window's"""
     samples_m: np.ndarray
     """(view_count, 3) float64 the same in the light's space"""
     texel_tangent: tuple[float, float]
@@ -125,7 +130,8 @@ class FaceViews:
     near_m: float
     far_m: float
     origin_ws: np.ndarray
-    """(3,) float64 world-space origin of face space: the light's centre; of suns, on the axis through the world's origin"""
+    """(3,) float64 world-space origin of face space: the light's centre; of suns, whole texels aside from the axis through the middle of
+    the scene's largest object"""
     is_orthographic: bool = False
     """Views of a sun: texels and windows are in metres across its axis, samples are offsets a metre of depth."""
 
@@ -152,9 +158,9 @@ class FaceViews:
         return x * tx, (x + self.map_width_px) * tx, y * ty, (y + self.map_height_px) * ty
 
 
-def snap_up_to_ladder(size: float) -> float:
-    """The smallest power of 2^(1/8) that is at least `size`."""
-    return 2.0 ** (math.ceil(math.log2(size) * LADDER_STEPS_PER_OCTAVE - 1e-9) / LADDER_STEPS_PER_OCTAVE)
+def snap_up_to_ladder(size: float, unit: float = 1.0) -> float:
+    """The smallest power of 2^(1/8), times the unit, that is at least `size`."""
+    return unit * 2.0 ** (math.ceil(math.log2(size / unit) * LADDER_STEPS_PER_OCTAVE - 1e-9) / LADDER_STEPS_PER_OCTAVE)
 
 
 def snap_down_to_ladder(size: float) -> float:
@@ -173,35 +179,47 @@ def fit_windows(
     origin_ws: np.ndarray,
     shear_depth_m: float | None = None,
     finest_tangent: float | None = None,
+    unit: float = 1.0,
 ) -> FaceViews:
     """Place one map per view over its window.
 
     windows: (view_count, 4) float64 tangents (suns: metres) left, right, bottom, top that the maps must cover.
     shear_depth_m: of a sun, from the first caster to the last receiver; how far windows wander there is what parallax is to others.
     finest_tangent: texels need not be finer, and maps are then smaller than `resolution_px`, in steps of MAP_SIZE_STEP_PX.
+    unit: a step of the ladder; of a sun, a length of the scene
     """
+    is_sun = shear_depth_m is not None
     usable = resolution_px - 2 * WINDOW_MARGIN_TEXELS - 1
-    tangents, sizes = [], []
+    tangents, sizes, middles = [], [], []
     coarsest = 0.0 if finest_tangent is None else snap_down_to_ladder(finest_tangent)
     for axis, (low, high) in enumerate((windows[:, :2].T, windows[:, 2:].T)):
         wander = float(np.ptp(low + high)) / 2 if shear_depth_m is None else float(np.ptp(samples_m[:, axis])) * shear_depth_m
-        width = max(float((high - low).max()), MIN_PARALLAX_SHARE * wander, 1e-6)
-        farthest = max(float(np.abs(low).max()), float(np.abs(high).max()))
-        tangents.append(snap_up_to_ladder(max(width / usable, farthest / MAX_LATTICE_INDEX, coarsest)))
+        width = max(float((high - low).max()), MIN_PARALLAX_SHARE * wander, LEAST_WIDTH * unit)
+        # a sun's lattice may begin anywhere, and begins beside the windows
+        place = centers_fs[:, axis] if is_sun else 0.0
+        middles.append(float((low + place).min() + (high + place).max()) / 2 if is_sun else 0.0)
+        farthest = max(float(np.abs(low + place - middles[axis]).max()), float(np.abs(high + place - middles[axis]).max()))
+        tangents.append(snap_up_to_ladder(max(width / usable, farthest / MAX_LATTICE_INDEX, coarsest), unit))
         needed = math.ceil(width / tangents[axis]) + resolution_px - usable
         steps = -(-needed // MAP_SIZE_STEP_PX)
         sizes.append(resolution_px if finest_tangent is None else min(steps * MAP_SIZE_STEP_PX, resolution_px))
-    origin = [np.floor(windows[:, 2 * axis] / tangents[axis]).astype(np.int64) - WINDOW_MARGIN_TEXELS for axis in (0, 1)]
+    first = np.stack([np.floor(windows[:, 2 * axis] / tangents[axis]).astype(np.int64) - WINDOW_MARGIN_TEXELS for axis in (0, 1)], axis=-1)
+    if is_sun:
+        # by whole texels, so that what float32 holds is small: the lattice stays where it is
+        aside, begin = np.rint(centers_fs[:, :2] / tangents), LATTICE_STRIDE * np.rint(middles / (LATTICE_STRIDE * np.array(tangents)))
+        first += (aside - begin).astype(np.int64)
+        centers_fs = centers_fs - np.pad(aside * tangents, ((0, 0), (0, 1)))
+        origin_ws = origin_ws + (begin * tangents) @ face.face_from_world[:2]
     return FaceViews(
         face=face,
         centers_fs=centers_fs,
         samples_m=samples_m,
         texel_tangent=(tangents[0], tangents[1]),
-        window_texels=np.stack(origin, axis=-1),
+        window_texels=first,
         map_width_px=sizes[0],
         map_height_px=sizes[1],
         near_m=near_m,
         far_m=far_m,
         origin_ws=origin_ws,
-        is_orthographic=shear_depth_m is not None,
+        is_orthographic=is_sun,
     )
