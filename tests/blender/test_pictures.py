@@ -1,5 +1,7 @@
 """Whole ways from a Blender scene to passes: far from the origin, with light linking, without anything to see."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -116,6 +118,40 @@ def test_scene_without_any_surface_is_refused_and_names_what_it_has(scene, add):
     add.object("Curtain", bpy.data.hair_curves.new("Curtain"))
     with pytest.raises(SceneError, match=r"'Scene' has no surface.*left out: .*Smoke: volumes are not surfaces"):
         frame_jobs(scene, 1, Settings())
+
+
+@pytest.fixture
+def point_cloud_nodes():
+    """A node tree that makes a point cloud of any mesh."""
+    tree = bpy.data.node_groups.new("Points", "GeometryNodeTree")
+    for direction in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=direction, socket_type="NodeSocketGeometry")
+    nodes = [tree.nodes.new(kind) for kind in ("NodeGroupInput", "GeometryNodeMeshToPoints", "NodeGroupOutput")]
+    for before, after in itertools.pairwise(nodes):
+        tree.links.new(before.outputs[0], after.inputs[0])
+    return tree
+
+
+def test_scene_of_nothing_but_what_is_no_surface_is_refused(scene, add, point_cloud_nodes):
+    """Meshes of edges, of coordinates that are not numbers, that nodes make points of, or that only show hair; not what may be a surface in
+    another frame."""
+    add.light("Key", location=(0, 0, 5))
+    add.cube("Dust").modifiers.new("Points", "NODES").node_group = point_cloud_nodes
+    add.mesh("Broken", [(0, 0, np.nan), (1, 0, np.nan), (1, 1, np.nan)], [(0, 1, 2)])
+    add.mesh("Wire", [(0, 0, 0), (1, 0, 0)], [])
+    fur = add.cube("Fur", show_instancer_for_render=False)
+    fur.modifiers.new("Hair", "PARTICLE_SYSTEM").particle_system.settings.type = "HAIR"
+    with pytest.raises(
+        SceneError, match=r"'Scene' has no surface.*left out: Broken: has no triangle.*, Dust: point clouds are not.*, Fur: the hair"
+    ):
+        frame_jobs(scene, 1, Settings())
+    hidden = add.cube("Hidden", hide_render=True)
+    (job,) = frame_jobs(scene, 1, Settings()).values()
+    assert not len(job.snapshot.instances)
+    bpy.data.objects.remove(hidden)
+    growing = add.mesh("Growing", [(0, 0, 0), (1, 0, 0)], [])
+    growing.modifiers.new("Growing", "BUILD")
+    assert frame_jobs(scene, 1, Settings())
 
 
 def hide(thing):

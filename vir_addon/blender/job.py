@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import bpy
@@ -82,8 +82,10 @@ def frame_jobs(
     snapshots = {
         layer.name: take_snapshot(scene, layer, resolution, on_step, with_materials=reflects) for layer in rendered_view_layers(scene)
     }
-    if not any(len(taken.instances) for taken in snapshots.values()) and not _has_surface_objects(scene.objects):
-        left_out = sorted({item.text for taken in snapshots.values() for item in taken.left_out})
+    left_out_items = [item for taken in snapshots.values() for item in taken.left_out]
+    without_surface = {item.object_name for item in left_out_items if item.is_never_surface}
+    if not any(len(taken.instances) for taken in snapshots.values()) and not _has_surface_objects(scene.objects, without_surface):
+        left_out = sorted({item.text for item in left_out_items})
         raise SceneError(
             f"scene {scene.name!r} has no surface that a shadow could fall on; add a mesh, a curve with a bevel, a text or a metaball"
             + (f"; left out: {', '.join(left_out)}" if left_out else "")
@@ -96,18 +98,25 @@ def replanned(jobs: Mapping[str, LayerJob], settings: Settings) -> dict[str, Lay
     return {name: LayerJob(job.snapshot, plan(job.snapshot, settings)) for name, job in jobs.items()}
 
 
-def _has_surface_objects(objects: Iterable[bpy.types.Object]) -> bool:
-    """Whether any object could show a surface in some frame, hidden ones and those of instanced collections included."""
+def _has_surface_objects(objects: Iterable[bpy.types.Object], without: Collection[str]) -> bool:
+    """Whether any object but those with these names could show a surface in some frame, hidden ones and those of instanced collections
+    included."""
     pending, seen = list(objects), set()
     while pending:
         candidate = pending.pop()
-        if candidate.type in SURFACE_TYPES:
+        if candidate.type in SURFACE_TYPES and candidate.name not in without and not _stays_without_faces(candidate):
             return True
         instanced = candidate.instance_collection
         if instanced is not None and instanced.session_uid not in seen:
             seen.add(instanced.session_uid)
             pending += instanced.all_objects
     return False
+
+
+def _stays_without_faces(candidate: bpy.types.Object) -> bool:
+    """A mesh of points or edges, or of nothing, that no modifier makes anything of."""
+    data = candidate.data
+    return candidate.type == "MESH" and not (candidate.modifiers or data.is_editmode or len(data.polygons))
 
 
 def run(job: LayerJob, device: Device, on_progress: Callable[[Progress], None] | None = None, on_stage: OnStage | None = None) -> PassSet:

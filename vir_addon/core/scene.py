@@ -275,6 +275,8 @@ class LeftOut:
     triangle_count: int = 0
     """triangles that went with them"""
     is_light: bool = False
+    is_never_surface: bool = False
+    """it is a point cloud, hair, a volume or of coordinates that are not numbers: without anything else there is nothing to render"""
 
     @property
     def text(self) -> str:

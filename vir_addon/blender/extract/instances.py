@@ -151,7 +151,8 @@ class SurfaceRows:
         parts = self._parts_of(shown, object_row, instancer_row)
         if not parts and shown.data.as_pointer() in self._lost_meshes:
             reason = "has no triangle whose coordinates are finite numbers (and below 1e15)"
-            self.left_out.append(LeftOut(self.objects.rows[object_row].name, reason, instance_count=1))
+            name = self.objects.rows[object_row].name
+            self.left_out.append(LeftOut(name, reason, instance_count=1, is_never_surface=True))
         for part in parts:
             if self.surfaces is not None:
                 self._material_set.append(self._set_of_object[object_row, shown.data.as_pointer()])

@@ -136,7 +136,7 @@ class SceneWalk:
         elif kind != "LIGHT":
             content, reason = _UNRENDERABLE[kind]
             if content is None or len(getattr(shown.data, content)):
-                self.left_out.append(LeftOut(shown.name, reason, instance_count=1))
+                self.left_out.append(LeftOut(shown.name, reason, instance_count=1, is_never_surface=True))
         elif self._uses_portals and shown.data.type == "AREA" and shown.data.cycles.is_portal:
             self._lights.left_out.append(LeftOut(shown.name, "light portals give no light of their own", instance_count=1))
         else:
@@ -145,7 +145,11 @@ class SceneWalk:
 
 def _hair(shown: bpy.types.Object) -> list[LeftOut]:
     return [
-        LeftOut(shown.name, f"the hair of its particle system '{modifier.particle_system.name}' is not a surface that VIR can render yet")
+        LeftOut(
+            shown.name,
+            f"the hair of its particle system '{modifier.particle_system.name}' is not a surface that VIR can render yet",
+            is_never_surface=True,
+        )
         for modifier in shown.modifiers
         if modifier.type == "PARTICLE_SYSTEM"
         and modifier.show_render
