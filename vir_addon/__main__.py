@@ -1,20 +1,18 @@
 """python -m vir_addon plan | render | doctor
 
-Everything else is imported within `main`, where Ctrl-C is waited for: importing takes most of a short command's time.
+Everything else is imported within `main`, where Ctrl-C is waited for: importing takes most of a short command's time. What is imported
+before it is part of a running interpreter.
 """
-
-from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Sequence
 
 LOG_WIDTH = 140
 STOPPED_STATUS = 130
 """what a shell reports of a program that Ctrl-C ended"""
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: list[str] | None = None) -> int:
     """Run a command. Returns the exit status; argparse itself exits with 2 on wrong usage."""
     try:
         from .cli.interrupts import remembered_interrupts
@@ -26,7 +24,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return STOPPED_STATUS
 
 
-def _run(argv: Sequence[str] | None) -> int:
+def _run(argv: list[str] | None) -> int:
     try:
         from rich.console import Console
     except ImportError as error:

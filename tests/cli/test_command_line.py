@@ -24,6 +24,7 @@ from vir_addon.device.moderngl_device import ModernglDevice
 bpy = pytest.importorskip("bpy")
 OpenEXR = pytest.importorskip("OpenEXR")
 
+ROOT = Path(vir_addon.__file__).parents[1]
 TIMEOUT_S = 120
 PIXEL_ASPECT = 1.5
 SIZE = ("--resolution", "64x36", "--views", "8", "--map-resolution", "128")
@@ -308,6 +309,14 @@ def test_ctrl_c_before_the_first_picture(blend, folder, step):
     assert process.returncode == 130, errors
     assert errors == "vir: stopped; files that were written are whole\n"
     assert "wrote" not in printed and not list(output.glob("*"))
+
+
+def test_nothing_is_imported_before_ctrl_c_is_waited_for():
+    """While Python itself starts nobody can wait for it; a module more takes longer than all that follows."""
+    script = "import io, sys; before = {*sys.modules}; import vir_addon.__main__; print(sorted({*sys.modules} - before))"
+    # -S: site-packages may import what a bare interpreter does not
+    found = subprocess.run([sys.executable, "-S", "-c", script], capture_output=True, text=True, timeout=TIMEOUT_S, cwd=ROOT, check=True)
+    assert found.stdout.strip() == "['vir_addon', 'vir_addon.__main__']"
 
 
 def test_ctrl_c_while_blender_calls_scripts(blend, capfd):
