@@ -161,8 +161,8 @@ def test_same_bits_and_nothing_settles_wrongly(device):
 
 def test_maps_are_kept_as_long_as_there_is_memory(device, monkeypatch):
     scene = dataclasses.replace(still_life(64, 36), lights=(area_light("A", eye=(2, -2, 5)), point_light("B", eye=(-2, -2, 4))))
-    make, makers, passes = PercentageCloserSoftShadows._make, [], []
-    monkeypatch.setattr(PercentageCloserSoftShadows, "_make", lambda method: (makers[-1].append(method), make(method)))
+    make, makers, passes = PercentageCloserSoftShadows._making, [], []
+    monkeypatch.setattr(PercentageCloserSoftShadows, "_making", lambda method: (makers[-1].append(method), make(method))[1])
     for budget in (256, 1):
         makers.append([])
         passes.append(render_passes(scene, device, method=Method.PCSS, replay_buffer_mib=budget))

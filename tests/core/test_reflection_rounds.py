@@ -221,7 +221,7 @@ def test_shadows_are_those_without_reflections_where_other_maps_would_be_coarser
         of_picture, of_reflections = renderer.works
         assert of_picture.has_pass and not of_picture.lights_reflections
         assert of_reflections.lights_reflections and not of_reflections.has_pass
-        assert of_picture.accumulator.round_sums.width == scene.width_px and of_reflections.accumulator.round_sums.width == 1
+        assert of_picture.accumulator.round_sums.width == scene.width_px and of_reflections.accumulator.round_sums.width < 30
         for batch in range(both.batch_count):
             device.run(renderer.render_batch, batch)
         assert renderer.views_done(both.batch_count) == renderer.views_total == 16

@@ -1,6 +1,7 @@
 """A render that is stopped after any batch has handed over the pass of the light samples so far."""
 
 import contextlib
+import itertools
 
 import numpy as np
 import pytest
@@ -113,8 +114,10 @@ def test_stages_are_told_as_they_begin(device):
     scene, told = still_life(), []
     for progress in render(scene, plan(scene, Settings(method=Method.MICRO, view_count=8)), device, lambda *stage: told.append(stage)):
         if progress.batches_done == 1:
-            assert told[:6] == [("upload", None)] * 3 + [("eye G-buffer", None)] * 2 + [("read-back", None)]
-            assert told[6:] == [("points", "Key")] * 2 + [("splat or raster", "Key"), ("resolve", "Key")]
+            # one after the other; more often where there are pauses, as while kernels are compiled
+            stages = [stage for stage, _ in itertools.groupby(told)]
+            assert stages[:3] == [("upload", None), ("eye G-buffer", None), ("read-back", None)]
+            assert stages[3:] == [("points", "Key"), ("splat or raster", "Key"), ("resolve", "Key")]
     assert set(progress.statistics.stage_ms) | set(progress.statistics.passes[0].stage_ms) == {name for name, _ in told} | {"extract"}
 
 
@@ -130,4 +133,5 @@ def test_no_stage_begins_once_nobody_waits(device):
     with contextlib.closing(Renderer(scene, plan(scene, Settings(view_count=8)), device, stop_at_points)) as renderer:
         with pytest.raises(StoppedError):
             device.run(renderer.prepare)
-        assert told == ["upload", "upload", "upload", "eye G-buffer", "eye G-buffer", "read-back", "points"]
+        assert [stage for stage, _ in itertools.groupby(told)] == ["upload", "eye G-buffer", "read-back", "points"]
+        assert told.count("points") == 1

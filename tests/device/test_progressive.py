@@ -9,12 +9,25 @@ import numpy as np
 import pytest
 
 from tests.device.test_memory import counted
-from tests.scenes import area_light, box, bumpy_sphere, floor, perspective_camera, point_light, render_passes, snapshot, spot_light
+from tests.scenes import (
+    area_light,
+    box,
+    bumpy_sphere,
+    floor,
+    matte,
+    mirror,
+    perspective_camera,
+    point_light,
+    render_passes,
+    snapshot,
+    spot_light,
+)
 from vir_addon.core.errors import SceneError
+from vir_addon.core.material import World
 from vir_addon.core.passes.accumulate import pass_image
 from vir_addon.core.picture import Choice
 from vir_addon.core.progressive import ProgressiveRender
-from vir_addon.core.settings import Settings
+from vir_addon.core.settings import Effect, Method, Settings
 
 WIDTH, HEIGHT = 40, 24
 OPTIONS = {"view_count": 16, "map_resolution_px": 128}
@@ -76,9 +89,31 @@ def test_it_ends_with_the_passes_of_a_render(device, progressive, budget_s):
         np.testing.assert_allclose(drawn(progressive), passes[f"VIR Shadow {light_name}" if light_name else "VIR Shadow"], atol=1e-6)
 
 
-def test_kernels_that_are_not_compiled_yet_get_slices_of_their_own(device, progressive):
-    kernels, device._kernels = device._kernels, {}
+SLOW_TO_GATHER = {Method.IVIR: {"buffer_triangles", "cut_parts", "buffer_tiles"}, Method.MICRO: {"gather_triangles"}}
+SLOW_TO_TRANSLATE = set.union(*SLOW_TO_GATHER.values()) | {
+    "reflect",
+    "march_reflections",
+    "hit_materials",
+    "light_by_surroundings",
+    "light_by_emitters",
+    "light_hits",
+    "resolve",
+}
+
+
+@contextlib.contextmanager
+def fresh_kernels(device):
+    """As if nothing had been compiled."""
+    before = device._kernels, device._started
+    device._kernels, device._started = {}, set()
     try:
+        yield device._kernels
+    finally:
+        device._kernels, device._started = before
+
+
+def test_kernels_that_are_not_compiled_yet_get_slices_of_their_own(device, progressive):
+    with fresh_kernels(device):
         scene = view()
         progressive.show(scene, SETTINGS)
         counts = [0]
@@ -90,8 +125,29 @@ def test_kernels_that_are_not_compiled_yet_get_slices_of_their_own(device, progr
         assert max(np.diff(counts)) <= 3
         progressive.show(view(key_x=-1.0), SETTINGS)
         assert finish(progressive, 60.0) == 1
-    finally:
-        device._kernels = kernels
+
+
+@pytest.mark.parametrize("method", [Method.IVIR, Method.MICRO])
+def test_a_step_translates_one_kernel_of_those_that_take_long(device, progressive, method):
+    """Mesa does so when a kernel is compiled and once more when it is first run, each of a tenth to a third of a second."""
+    ball, lamp = bumpy_sphere("mirror", (0.0, 1.2, 0.7), 0.7, 12), box("lamp", (-1.5, -1.0, 2.0), (0.2, 0.2, 0.1))
+    materials = [*3 * [matte()], mirror(), matte(emission=(3.0, 3.0, 3.0))]
+    camera = perspective_camera((0.5, -6.0, 3.5), (0.0, 0.0, 0.5), WIDTH, HEIGHT)
+    world = World((0.2, 0.2, 0.2))
+    scene = snapshot([*MESHES, ball, lamp], [area_light("Key"), FILL], camera, WIDTH, HEIGHT, materials=materials, world=world)
+    settings = Settings(**OPTIONS, method=method, effects=(Effect.SHADOW, Effect.REFLECTION))
+    with fresh_kernels(device) as kernels:
+        progressive.show(scene, settings)
+        before = 0
+        slow: list[str] = []
+        while not progressive.is_done:
+            progressive.advance(0.0)
+            slow = [name for name, _ in kernels if name in SLOW_TO_TRANSLATE]
+            slow += [kernel.declaration.name for kernel in device._started if kernel.declaration.name in SLOW_TO_TRANSLATE]
+            assert len(slow) - before <= 1, slow
+            before = len(slow)
+        own = SLOW_TO_GATHER[method]
+        assert {name for name in slow if slow.count(name) > 1} == SLOW_TO_TRANSLATE - set.union(*SLOW_TO_GATHER.values()) | own
 
 
 CHANGES = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,13 +37,16 @@ from .reflections.work import Hits, ReflectionWork
 from .sampling import light_samples, sample_weights
 from .scene import Light, LightShape
 from .settings import Method
-from .steps import Steps, run_steps
+from .steps import Steps, compiling, run_steps
 from .stopwatch import Stopwatch
 
 LightFace = tuple[FittedFace, np.ndarray, DepthMapMethod | None]
 """with its table for the kernels; without a method where nothing casts"""
 Places = tuple[np.ndarray, np.ndarray]
 """positions and normals of an eye G-buffer, (height, width, 4) each"""
+UNUSED_SUMS_PX = (24, 24)
+"""Small, and neither they nor their tiles a power of two, as few pictures are: for those Mesa's software rasterizer would translate
+kernels once more."""
 MAX_TEXEL_GROWTH = 1.1
 """of a light's maps by reaching over what reflectors show as well; one step of the ladder of texel sizes is 1.09"""
 
@@ -203,7 +207,7 @@ class LightWork(Shared):
         self.receivers = store.no_receivers
         with Owned() as owned:
             # kernels are bound to sums also where nothing is added
-            size = (snapshot.width_px, snapshot.height_px) if has_pass else (1, 1)
+            size = (snapshot.width_px, snapshot.height_px) if has_pass else UNUSED_SUMS_PX
             self.accumulator = owned.own(PassAccumulator(self.device, *size))
             if self.light.receivers is not None:
                 rows = np.zeros((len(self.light.receivers), 4), np.float32)
@@ -251,9 +255,7 @@ class LightWork(Shared):
             self.resolve_flags.append("MANY_FACES")
         for _, _, method in self.faces:
             if method is not None:
-                yield None
-                with stopwatch.stage("points"):
-                    method.prepare()
+                yield from stopwatch.stages("points", method.preparing())
         for fitted in fit.faces:
             self.store.make_room(fitted.views.map_width_px, fitted.views.map_height_px)
         self.statistics.map_resolution_px = max(
@@ -320,18 +322,13 @@ class LightWork(Shared):
             rounds = self._rounds(eye, index, maps, batch)
             if reflections is not None:
                 for hits in reflections.all_hits:
-                    with stopwatch.stage("light reflections"):
-                        self._light_hits(reflections, hits, index, rounds[hits.part])
-                    yield None
+                    yield from stopwatch.stages("light reflections", self._lighting_hits(reflections, hits, index, rounds[hits.part]))
             if not self.has_pass:
                 continue
-            with stopwatch.stage("resolve"):
-                if turns is None:
+            if turns is None:
+                with stopwatch.stage("resolve"):
                     turns = FaceTurns(self.masks, np.array([self._tile_faces(look_up) for look_up in rounds]))
-                for part, look_up in enumerate(rounds):
-                    self._reopen_changed(batch, eye, turns, index, part, look_up)
-                    self._resolve(part, turns.of(index, part), look_up)
-            yield None
+            yield from stopwatch.stages("resolve", self._resolving(batch, eye, turns, index, rounds))
         if self.has_pass and not self.faces:
             # nothing visible is reached; surfaces still have to be told from the background
             with stopwatch.stage("resolve"):
@@ -346,16 +343,28 @@ class LightWork(Shared):
         self._update_statistics()
         self.batches_done, self.is_between_batches = batch + 1, True
 
+    def _resolving(
+        self, batch: int, eye: EyePass, turns: FaceTurns, index: int, rounds: list[dict[str, Any]]
+    ) -> Generator[None, None, None]:
+        """Look the picture up in the maps of a face, pausing where a kernel was compiled."""
+        for part, look_up in enumerate(rounds):
+            if not self.accumulator.looked_up.all():
+                yield from self._compiling("PROBES")
+            self._reopen_changed(batch, eye, turns, index, part, look_up)
+            yield from self._compiling()
+            self._resolve(part, turns.of(index, part), look_up)
+
     def _lent_maps(self) -> DepthMaps:
         return self.store.maps(self.largest_batch)
 
-    def _light_hits(self, reflections: ReflectionWork, hits: Hits, index: int, look_up: dict[str, Any]) -> None:
+    def _lighting_hits(self, reflections: ReflectionWork, hits: Hits, index: int, look_up: dict[str, Any]) -> Generator[None, None, None]:
         """Look what reflectors show up in the maps of a face. look_up: of the hits' eye sample"""
         tiles = reflections.lit_tiles(FIRST_FACE if index == 0 else 0)
-        tiles.dispatch(self._kernel(), **self._bound({**look_up, **hits.buffer._asdict(), "batch_sums": hits.sums}))
+        kernel = yield from self._compiling()
+        tiles.dispatch(kernel, **self._bound({**look_up, **hits.buffer._asdict(), "batch_sums": hits.sums}))
         if index == len(self.mapped) - 1:
             points = self._light_points(look_up)
-            reflections.add_light(
+            yield from reflections.adding_light(
                 hits,
                 [flag for flag in self.resolve_flags if flag in DELIVERED_FLAGS],
                 light_rgb=self._irradiance_of_sum(look_up["view_count"]),
@@ -479,6 +488,9 @@ class LightWork(Shared):
 
     def _kernel(self, *flags: str) -> ComputeKernel:
         return self.device.compute_kernel(self.look_up, *self.resolve_flags, *flags)
+
+    def _compiling(self, *flags: str) -> Generator[None, None, ComputeKernel]:
+        return compiling(self.device, self.look_up, *self.resolve_flags, *flags)
 
     def _bound(self, look_up: dict[str, Any]) -> dict[str, Any]:
         """What of a round this light's kernel is bound to; finding tiles' faces takes other parts of it."""

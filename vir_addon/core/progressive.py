@@ -56,7 +56,7 @@ class ProgressiveRender:
         self.compiled_count = 0
         """kernels since the last change"""
         self.slowest_step_ms = 0.0
-        """of batches since the last change; steps in which a kernel was compiled do not count"""
+        """of batches since the last change; steps in which a kernel was translated do not count"""
         self._renderer: Renderer | None = None
         self._steps: Steps | None = None
         self._pending: Future[Any] | None = None
@@ -129,11 +129,11 @@ class ProgressiveRender:
         if self._steps is None or (self._is_between_batches and not self._is_drawn):
             return self._draw()
         answer, self._answer = self._answer, None
-        start, kernel_count = time.perf_counter(), self.device.kernel_count
+        start, kernel_count, translation_count = time.perf_counter(), self.device.kernel_count, self.device.translation_count
         host_work, has_ended = self.device.run(_send, self._steps, answer)
         took_s = time.perf_counter() - start
         self.compiled_count += self.device.kernel_count - kernel_count
-        if self.device.kernel_count == kernel_count:
+        if self.device.translation_count == translation_count:
             self._recent_s.append(took_s)
             if self._is_rendering:
                 self.slowest_step_ms = max(self.slowest_step_ms, took_s * 1e3)

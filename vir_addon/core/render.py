@@ -267,6 +267,8 @@ class Renderer:
             if self.eye is None:
                 samples_per_batch = self.plan.eye_samples_per_batch
                 self.eye = self._owned.own(EyePass(self.scene_data, self.plan.bounds, self.offsets_px, samples_per_batch, self.reflects))
+        yield None
+        with self.stopwatch.stage("upload"):
             if self.store is None:
                 self.store = self._owned.own(MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, self.plan))
         yield None

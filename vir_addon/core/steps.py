@@ -3,12 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from typing import Any
+from typing import Any, TypeVar
+
+from ..device.declaration import ComputeDeclaration
+from ..device.interface import ComputeKernel, Device
+
+Result = TypeVar("Result")
 
 HostWork = Callable[[], Any]
 """needs neither the device nor its thread"""
 Steps = Generator[HostWork | None, Any, None]
 """Pauses where it yields: None, or a call whose result is to be sent in, so that it may run elsewhere meanwhile."""
+
+
+def compiling(device: Device, declaration: ComputeDeclaration, *flags: str) -> Generator[None, None, ComputeKernel]:
+    """Returns a kernel. One that has to be compiled is so in a step of its own: software rasterizers take long, and as long once more when
+    it is first run."""
+    if device.has_kernel(declaration, *flags):
+        return device.compute_kernel(declaration, *flags)
+    yield
+    kernel = device.compute_kernel(declaration, *flags)
+    yield
+    return kernel
+
+
+def run_pauses(work: Generator[None, None, Result]) -> Result:
+    """To the end, at once and on this thread; what comes of it."""
+    try:
+        while True:
+            next(work)
+    except StopIteration as end:
+        return end.value
 
 
 def run_steps(steps: Steps) -> None:

@@ -185,6 +185,7 @@ class BlenderComputeKernel(ComputeKernel):
     def _dispatch(self, group_counts: tuple[int, int, int], bindings: Mapping[str, Any]) -> None:
         self.bindings.bind(bindings)
         self.device.gpu.compute.dispatch(self.shader, *group_counts)
+        self.device.note_run(self)
 
 
 class BlenderRasterKernel(RasterKernel):
@@ -233,6 +234,7 @@ class BlenderRasterKernel(RasterKernel):
                 else:
                     first, count = draw.triangle_range
                     batch.draw_range(self.shader, elem_start=3 * first, elem_count=3 * count)
+        self.device.note_run(self)
 
 
 class BlenderGpuDevice(Device):
@@ -261,6 +263,7 @@ class BlenderGpuDevice(Device):
         self.gpu = gpu
         self._thread_id = threading.get_ident()
         self._kernels: dict[tuple[str, tuple[str, ...]], Any] = {}
+        self._started: set[Any] = set()
         self._call_depth = 0
         self.call_count = 0
         """calls from outside, one of which may hold many"""
@@ -367,6 +370,7 @@ class BlenderGpuDevice(Device):
 
     def close(self) -> None:
         self.run(self._kernels.clear)
+        self._started.clear()
         self._fence_target.release()
         self._fence.release()
 

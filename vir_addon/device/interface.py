@@ -144,6 +144,10 @@ SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "lavapipe", "SwiftShader", "Micros
 """parts of the names by which drivers that run on the processor call themselves"""
 
 
+def _variant(declaration: KernelDeclaration, flags: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+    return declaration.name, tuple(sorted(flags))
+
+
 class Device(abc.ABC):
     """A GPU (or its software stand-in).
 
@@ -164,6 +168,8 @@ class Device(abc.ABC):
     """whether there are geometry kernels"""
     _kernels: dict[tuple[str, tuple[str, ...]], Any]
     """by declaration name and sorted flags"""
+    _started: set[Any]
+    """kernels that have been run"""
 
     @abc.abstractmethod
     def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
@@ -200,15 +206,29 @@ class Device(abc.ABC):
 
     def _kernel(self, kind: type, declaration: KernelDeclaration, flags: tuple[str, ...]) -> Any:
         """The variant's kernel of the backend's class `kind`, made when it is first asked for."""
-        key = (declaration.name, tuple(sorted(flags)))
+        key = _variant(declaration, flags)
         if key not in self._kernels:
             self._kernels[key] = self.run(kind, self, declaration, key[1])
         return self._kernels[key]
+
+    def has_kernel(self, declaration: KernelDeclaration, *flags: str) -> bool:
+        """Whether the variant has been compiled."""
+        return _variant(declaration, flags) in self._kernels
 
     @property
     def kernel_count(self) -> int:
         """compiled so far"""
         return len(self._kernels)
+
+    @property
+    def translation_count(self) -> int:
+        """How often a driver has translated a kernel so far: when it was compiled, and once more when it was first run, as software
+        rasterizers do and GPUs may."""
+        return len(self._kernels) + len(self._started)
+
+    def note_run(self, kernel: ComputeKernel | RasterKernel | GeometryKernel) -> None:
+        """To be told by every kernel whenever it is run."""
+        self._started.add(kernel)
 
     @abc.abstractmethod
     def fill(self, texture: Texture, value: int) -> None:

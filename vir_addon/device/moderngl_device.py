@@ -143,6 +143,7 @@ class ModernglComputeKernel(ComputeKernel):
         self.bindings.bind(bindings)
         self.shader.run(*group_counts)
         self.device.context.memory_barrier()
+        self.device.note_run(self)
 
 
 class ModernglRasterKernel(RasterKernel):
@@ -182,6 +183,7 @@ class ModernglRasterKernel(RasterKernel):
         if self.declaration.images:
             context.memory_barrier()
         self.device.hand_over()
+        self.device.note_run(self)
 
 
 class ModernglGeometryKernel(GeometryKernel):
@@ -213,6 +215,7 @@ class ModernglGeometryKernel(GeometryKernel):
         context.enable_only(moderngl.NOTHING)
         self.numbers.render(moderngl.POINTS, vertices=strip_count)
         context.memory_barrier()
+        self.device.note_run(self)
 
 
 class ModernglDevice(Device):
@@ -228,6 +231,7 @@ class ModernglDevice(Device):
         self.glcontext, self.moderngl = glcontext, moderngl
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="vir-opengl")
         self._kernels: dict[tuple[str, tuple[str, ...]], Any] = {}
+        self._started: set[Any] = set()
         try:
             self._worker.submit(self._open).result()
         except Exception:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from ..passes.scene_data import SceneData
 from ..passes.shadow_maps import MAX_BATCH_VIEWS, RASTERIZE_CUT_OUTS, DepthMaps, views_table
 from ..scene import Light
 from ..settings import Settings
+from ..steps import run_pauses
 from .shared import SharedByFaces
 
 if TYPE_CHECKING:
@@ -67,10 +68,11 @@ class DepthMapMethod(abc.ABC):
 
     def prepare(self) -> None:
         """Work that all batches share, e.g. generating points."""
-        self.device.run(self._prepare)
+        self.device.run(run_pauses, self.preparing())
 
-    def _prepare(self) -> None:  # noqa: B027  most methods have nothing to prepare
-        """`prepare` on the device's thread."""
+    def preparing(self) -> Generator[None, None, None]:
+        """`prepare` in steps, on the device's thread."""
+        yield from ()  # most methods have nothing to prepare
 
     def maps_of(self, selected: range, lend: Callable[[], DepthMaps]) -> DepthMaps:
         """The maps of the selected views, in those that are lent unless the method has its own."""
@@ -144,8 +146,8 @@ class ReplayMethod(DepthMapMethod):
     def held_bytes(self) -> int: ...
 
     @abc.abstractmethod
-    def _make(self) -> None:
-        """Make what is replayed; sets `_is_held` as soon as there is something to free."""
+    def _making(self) -> Generator[None, None, None]:
+        """Make what is replayed, in steps; sets `_is_held` as soon as there is something to free."""
 
     @abc.abstractmethod
     def _free(self) -> None:
@@ -153,9 +155,13 @@ class ReplayMethod(DepthMapMethod):
 
     def _hold(self) -> None:
         """Before every use of what is replayed."""
+        run_pauses(self._holding())
+
+    def _holding(self) -> Generator[None, None, None]:
+        """`_hold` in steps"""
         self.shared.begin_turn(self)
         if not self._is_held:
-            self._make()
+            yield from self._making()
         self.shared.touch(self)
 
     def drop(self) -> None:

@@ -7,6 +7,7 @@ lowest bit of a depth tells which of the two wrote it, because only outlines of 
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from typing import Any
 
 from ..passes.points import BUFFER_SMALL_TRIANGLES, SPLAT_SMALL_TRIANGLES
@@ -34,14 +35,14 @@ class HybridRasterization(ImprovedViewIndependentRasterization):
         """of the last list, whether or not it is still held"""
         self._has_listed = False
 
-    def _prepare(self) -> None:
+    def preparing(self) -> Generator[None, None, None]:
         expected = min(int(EXPECTED_LARGE_SHARE * self.caster_triangle_count), MOST_EXPECTED_LARGE)
         # a list that turns out too short costs another walk over all triangles
         self._fits(self.parts, TEXELS_PER_TRIANGLE, expected)
-        super()._prepare()
+        yield from super().preparing()
         if self.storage is PointStorage.BUFFERLESS:
             # the rasterizer comes before the first points: a buffer without room leaves only the list
-            self._run_triangles(self.buffer_triangles, 0, self.work.group_count, points=self.tiles.texture, texel_capacity=0)
+            yield from self._running_triangles(self.buffer_triangles, 0, self.work.group_count, points=self.tiles.texture, texel_capacity=0)
 
     @property
     def held_bytes(self) -> int:
@@ -67,10 +68,12 @@ class HybridRasterization(ImprovedViewIndependentRasterization):
             "points_of_small": self.settings.small_triangle_points,
         }
 
-    def _finish_large(self) -> bool:
-        """Take the list over. It is whole after the first run, which is always of all work groups; later runs leave it alone."""
+    def _finishing_large(self) -> Generator[None, None, bool]:
+        """Take the list over; returns as of `ivir`. It is whole after the first run, which is always of all work groups; later runs leave
+        it alone."""
         if self._has_listed:
             return True
+        yield
         count = int(self.device.read(self.counters)[0, 3])
         if not self._fits(self.parts, TEXELS_PER_TRIANGLE, count):
             return False

@@ -6,7 +6,7 @@ portions, each generated again for each batch. `bufferless`: every batch generat
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,7 @@ from ..passes.points import BUFFER_TILES, BUFFER_TRIANGLES, CUT_PARTS, KEEP_SEEN
 from ..passes.scene_data import WORK_GROUP_SIZE
 from ..passes.shadow_maps import DepthMaps
 from ..settings import PointStorage
+from ..steps import compiling, run_pauses
 from .base import FaceJob, ReplayMethod
 from .linear_store import LinearStore
 from .seen_space import seen_space_bindings, window_bounds
@@ -93,16 +94,16 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         self.kept_point_count = 0
         self._portions: list[_Portion] = []
 
-    def _prepare(self) -> None:
+    def preparing(self) -> Generator[None, None, None]:
         self.work = self._owned.own(self.scene_data.work_table(self.opaque_indices, ~self.culled))
         if self.storage is PointStorage.BUFFERED:
-            self._hold()
+            yield from self._holding()
 
-    def _make(self) -> None:
+    def _making(self) -> Generator[None, None, None]:
         self.points = LinearStore(self.device, min(self.capacity_limit, max(1 << 18, 4 * self.work.triangle_count)))
         self._is_held = True
         self.portion_count = 1
-        self._portions = self._plan_portions()
+        self._portions = yield from self._planning_portions()
 
     @property
     def held_bytes(self) -> int:
@@ -114,15 +115,15 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
 
     # buffered
 
-    def _plan_portions(self) -> list[_Portion]:
-        """Ranges of work groups whose points fit into the buffer; a single range's points are in it afterwards."""
+    def _planning_portions(self) -> Generator[None, None, list[_Portion]]:
+        """Returns ranges of work groups whose points fit into the buffer; a single range's points are in it afterwards."""
         pending, portions, total, culled = [_Portion(0, self.work.group_count)], [], 0, 0
         while pending:
             portion = pending.pop()
-            texels, culled_here = self._generate_into_buffer(portion)
+            texels, culled_here = yield from self._generating_into_buffer(portion)
             if self.points.texel_count < texels <= self.capacity_limit:
                 self.points.reserve(texels)
-                texels, culled_here = self._generate_into_buffer(portion)
+                texels, culled_here = yield from self._generating_into_buffer(portion)
             first, count = portion.first_group, portion.group_count
             if texels > self.points.texel_count and count > 1:
                 half = count // 2
@@ -140,11 +141,13 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         self.point_count, self.culled_triangle_count = total, culled
         return portions
 
-    def _generate_into_buffer(self, portion: _Portion) -> tuple[int, int]:
-        """Returns how many texels the points take (more than the buffer has: the rest is lost) and triangles culled."""
+    def _generating_into_buffer(self, portion: _Portion) -> Generator[None, None, tuple[int, int]]:
+        """Pauses between kernels. Returns how many texels the points take (more than the buffer has: the rest is lost) and triangles
+        culled."""
         outputs = {"points": self.points.texture, "texel_capacity": self.points.texel_count}
-        self._run_triangles(self.buffer_triangles, portion.first_group, portion.group_count, **outputs)
-        self._run_tiles(self.buffer_tiles, 0, self.tile_count, **outputs)
+        yield from self._running_triangles(self.buffer_triangles, portion.first_group, portion.group_count, **outputs)
+        yield
+        yield from self._running_tiles(self.buffer_tiles, 0, self.tile_count, **outputs)
         culled = self._read_counts()
         return self.buffered_point_count + TEXELS_PER_SPLAT * self.buffered_splat_count, culled
 
@@ -161,7 +164,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
             return
         for portion in self._portions:
             if not portion.tiles_at_once:
-                self._generate_into_buffer(portion)
+                run_pauses(self._generating_into_buffer(portion))
                 yield
                 continue
             outputs = {"points": self.points.texture, "texel_capacity": self.points.texel_count}
@@ -174,15 +177,21 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
                 self._read_counts()
                 yield
 
-    def _generate(self, declaration: Any, invocation_count: int, **bindings: Any) -> None:
-        """Run one of the four kernels."""
-        kernel = self.device.compute_kernel(declaration, *self._flags_of(declaration))
+    def _generating(self, declaration: Any, invocation_count: int, **bindings: Any) -> Generator[None, None, None]:
+        """Run one of the four kernels, pausing where it had to be compiled."""
+        kernel = yield from compiling(self.device, declaration, *self._flags_of(declaration))
         kernel.dispatch_linear(invocation_count, **bindings)
 
     def _run_triangles(self, declaration: KernelDeclaration, first_group: int, group_count: int, **outputs: Any) -> None:
+        run_pauses(self._running_triangles(declaration, first_group, group_count, **outputs))
+
+    def _running_triangles(
+        self, declaration: KernelDeclaration, first_group: int, group_count: int, **outputs: Any
+    ) -> Generator[None, None, None]:
+        """Of a range of work groups, pausing before what is too large for one invocation is cut."""
         while True:
             self.device.fill(self.counters, 0)
-            self._generate(
+            yield from self._generating(
                 declaration,
                 group_count * WORK_GROUP_SIZE,
                 **self.sampling_bindings,
@@ -194,16 +203,17 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
                 counters=self.counters,
                 **self._large_outputs(),
             )
-            if self._finish_large():
+            if (yield from self._finishing_large()):
                 return
 
     def _large_outputs(self) -> dict[str, Any]:
         """Where triangles of many cells go."""
         return {"parts": self.parts.texture, "part_capacity": self.parts.texel_count // TEXELS_PER_TILE}
 
-    def _finish_large(self) -> bool:
-        """Cut parts until only tiles are left. False when a list was too small: it has grown, and its content is lost."""
-        kernel = self.device.compute_kernel(CUT_PARTS, *self.sampling_flags)
+    def _finishing_large(self) -> Generator[None, None, bool]:
+        """Cut parts until only tiles are left. Returns False when a list was too small: it has grown, and its content is lost."""
+        kernel = yield from compiling(self.device, CUT_PARTS, *self.sampling_flags)
+        yield
         done = 0
         for cut in range(MAX_CUTS + 1):
             _, self.tile_count, _, part_count = (int(count) for count in self.device.read(self.counters)[0, :4])
@@ -239,7 +249,12 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         return sorted({*self.sampling_flags, *(self.splat_flags if "depth_maps" in declaration.images else ())})
 
     def _run_tiles(self, declaration: KernelDeclaration, first_tile: int, tile_count: int, **outputs: Any) -> None:
-        self._generate(
+        run_pauses(self._running_tiles(declaration, first_tile, tile_count, **outputs))
+
+    def _running_tiles(
+        self, declaration: KernelDeclaration, first_tile: int, tile_count: int, **outputs: Any
+    ) -> Generator[None, None, None]:
+        yield from self._generating(
             declaration,
             tile_count * self.invocations_per_tile,
             **self.sampling_bindings,

@@ -8,6 +8,7 @@ a triangle into the picture as a whole; large ones come in the same tiles here a
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from typing import Any
 
 from ..passes.points import (
@@ -27,7 +28,8 @@ class PointsByRasterizer(ImprovedViewIndependentRasterization):
     splat_tiles = SPLAT_TILES_BY_RASTERIZER
     invocations_per_tile = 1
 
-    def _generate(self, declaration: Any, invocation_count: int, **bindings: Any) -> None:
+    def _generating(self, declaration: Any, invocation_count: int, **bindings: Any) -> Generator[None, None, None]:
         kernel = self.device.geometry_kernel(declaration, *self._flags_of(declaration))
         viewport = (0, 0, LATTICE_VIEWPORT_PX, LATTICE_VIEWPORT_PX)
         kernel.draw(self.shared.lattice_target.target, viewport, invocation_count, **bindings)
+        yield from ()

@@ -5,7 +5,7 @@ What its method needs for making it is let go of as soon as the map is there.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 
 from ..passes.shadow_maps import BYTES_PER_TEXEL, DepthMaps
 from .base import DepthMapMethod, FaceJob, ReplayMethod
@@ -22,11 +22,11 @@ class KeptMap(ReplayMethod):
     def held_bytes(self) -> int:
         return BYTES_PER_TEXEL * self.fitted.views.map_width_px * self.fitted.views.map_height_px
 
-    def _make(self) -> None:
+    def _making(self) -> Generator[None, None, None]:
         kept = self._kept = DepthMaps(self.device, self.fitted.views.map_width_px, self.fitted.views.map_height_px, 1)
         self._is_held = True
         try:
-            self._maker.prepare()
+            yield from self._maker.preparing()
             self._maker.fill(kept, range(1))
             self.portion_count = self._maker.portion_count
         finally:

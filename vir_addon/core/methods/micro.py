@@ -12,7 +12,7 @@ A list too long for its memory is processed in portions, each gathered again for
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,7 @@ from ...device.interface import LINEAR_TEXTURE_WIDTH, Texture, TextureFormat, sp
 from ...device.owned import Owned
 from ..passes.shadow_maps import DepthMaps
 from ..passes.small_triangles import BLOCK_TEXELS, GATHER_TRIANGLES, KEEP_SEEN_TRIANGLES, ORDER_TRIANGLES, RASTERIZE_SMALL_TRIANGLES
+from ..steps import compiling
 from .base import FaceJob, ReplayMethod
 from .large_triangles import BYTES_PER_TRIANGLE, TEXELS_PER_TRIANGLE, LargeTriangles
 from .linear_store import LinearStore
@@ -56,12 +57,13 @@ class MicroTriangleRasterization(ReplayMethod):
         self._gathered: _Portion | None = None
         self.capacity_limit = max(job.shared.budget_bytes // BYTES_PER_TRIANGLE, FIRST_CAPACITY)
 
-    def _prepare(self) -> None:
+    def preparing(self) -> Generator[None, None, None]:
         self.work = self._owned.own(self.scene_data.work_table(self.opaque_indices, ~self.culled))
         self.counters = self._owned.own(self.device.create_texture(2, 1, TextureFormat.R32UI))
-        self._hold()
+        yield from self._holding()
 
-    def _make(self) -> None:
+    def _making(self) -> Generator[None, None, None]:
+        yield from compiling(self.device, GATHER_TRIANGLES, *self.flags)
         expected = max(min(self._expected_triangle_count, self.capacity_limit), FIRST_CAPACITY)
         self.triangles = LinearStore(self.device, TEXELS_PER_TRIANGLE * expected)
         self._is_held = True

@@ -6,7 +6,7 @@ is drawn for every batch, because each has other thresholds.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 
 from ..passes.percentage_closer import NearestDepth
 from ..passes.shadow_maps import DepthMaps
@@ -19,11 +19,12 @@ class PercentageCloserSoftShadows(KeptMap):
     def __init__(self, job: FaceJob) -> None:
         super().__init__(job, MultiviewRasterization(job))
 
-    def _prepare(self) -> None:
+    def preparing(self) -> Generator[None, None, None]:
         self._nearest_depth = self._owned.own(NearestDepth(self.device))
+        yield from ()
 
-    def _make(self) -> None:
-        super()._make()
+    def _making(self) -> Generator[None, None, None]:
+        yield from super()._making()
         assert self._kept is not None
         self._find_nearest(self._kept)
 

@@ -10,7 +10,7 @@ at a time. A surface that the source view sees more edge-on than another view do
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -121,17 +121,18 @@ class ViewWarpedSoftShadows(ReplayMethod):
         self.buffered_point_count = 0
         self._portions: list[list[_Part]] = []
 
-    def _prepare(self) -> None:
+    def preparing(self) -> Generator[None, None, None]:
         self.draws = self.scene_data.draws(self.opaque_indices, None if self.settings.back_faces else self.culled)
         self.counters = self._owned.own(self.device.create_texture(1, 1, TextureFormat.R32UI))
         if self.storage is PointStorage.BUFFERED:
-            self._hold()
+            yield from self._holding()
 
-    def _make(self) -> None:
+    def _making(self) -> Generator[None, None, None]:
         self.points = LinearStore(self.device, min(self.capacity_limit, FIRST_POINT_CAPACITY))
         self._is_held = True
         self._plan_portions()
         self.portion_count = len(self._portions)
+        yield
 
     @property
     def held_bytes(self) -> int:

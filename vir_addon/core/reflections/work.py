@@ -41,7 +41,7 @@ from ..picture import Shown
 from ..plan import RenderPlan
 from ..sampling import shuffled_unit_square_points, stable_seed
 from ..settings import ReflectionLookUp, ReflectionMethod
-from ..steps import HostWork, Steps
+from ..steps import HostWork, Steps, compiling
 from ..stopwatch import Stopwatch
 from .reflector_passes import ReflectorPasses
 from .reflectors import PlannedReflections, memory_for_maps, reflects, with_met
@@ -216,7 +216,7 @@ class ReflectionWork:
         part = hits.part
         facet, light = self.samples[round_number % len(self.samples), :, bounce]
         self._walk(
-            self.device.compute_kernel(REFLECT, *self.materials.flags, *["FROM_EYE"] * (bounce == 0)),
+            (yield from compiling(self.device, REFLECT, *self.materials.flags, *["FROM_EYE"] * (bounce == 0))),
             **self.scene_data.bindings,
             **self.materials.bindings,
             **seen,
@@ -232,7 +232,7 @@ class ReflectionWork:
         yield
         seen = {**hits.buffer._asdict(), "surfaces": self.surfaces}
         self._walk(
-            self.device.compute_kernel(MARCH_REFLECTIONS, *flags),
+            (yield from compiling(self.device, MARCH_REFLECTIONS, *flags)),
             **self.scene_data.bindings,
             **self.maps.bindings,
             **seen,
@@ -243,7 +243,7 @@ class ReflectionWork:
         )
         yield
         self._walk(
-            self.device.compute_kernel(HIT_MATERIALS, *self.materials.flags, *self.materials.world_flags),
+            (yield from compiling(self.device, HIT_MATERIALS, *self.materials.flags, *self.materials.world_flags)),
             **self.scene_data.bindings,
             **self.materials.bindings,
             **seen,
@@ -276,11 +276,11 @@ class ReflectionWork:
         }
         yield
         shown = [*self.materials.world_flags, *self.materials.emission_flags, *["EMISSION"] * self.materials.has_emission]
-        self._walk(self.device.compute_kernel(LIGHT_BY_SURROUNDINGS, *shown, *flags), **around)
+        self._walk((yield from compiling(self.device, LIGHT_BY_SURROUNDINGS, *shown, *flags)), **around)
         if self.emitter_count:
             yield
             self._walk(
-                self.device.compute_kernel(LIGHT_BY_EMITTERS, *self.materials.emission_flags),
+                (yield from compiling(self.device, LIGHT_BY_EMITTERS, *self.materials.emission_flags)),
                 **around,
                 instance_count=len(self.scene_data.snapshot.instances),
                 emitter_count=self.emitter_count,
@@ -337,10 +337,10 @@ class ReflectionWork:
         for part in self.hits:
             yield from part
 
-    def add_light(self, hits: Hits, flags: list[str], **light: object) -> None:
+    def adding_light(self, hits: Hits, flags: list[str], **light: object) -> Generator[None, None, None]:
         """flags, light: of LIGHT_HITS"""
         self._walk(
-            self.device.compute_kernel(LIGHT_HITS, *flags),
+            (yield from compiling(self.device, LIGHT_HITS, *flags)),
             **hits.buffer._asdict(),
             seen_from=hits.seen_from,
             scatterings=hits.scatterings,
