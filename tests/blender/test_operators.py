@@ -381,7 +381,7 @@ def test_a_reflector_of_one_of_several_view_layers(room):
             job = SimpleNamespace(
                 plan=SimpleNamespace(passes=(), notes=(), reflections=SimpleNamespace(lines=lines)), snapshot=SimpleNamespace(left_out=())
             )
-            frame_state._add_plan(state, "Layer", job)
+            frame_state._add_plan(state, room, "Layer", job)
         assert state.reflectors == {"Mirror": (True, "reflects")}
 
 
@@ -391,3 +391,21 @@ def test_reflections_alone_leave_shadows_out(room):
     bpy.data.objects["Cube"].vir.reflector = "ALWAYS"
     bpy.ops.vir.render()
     assert set(scene_images(room.name)) == {"VIR Reflection", "VIR Reflection Color"}
+
+
+def test_a_renamed_light_keeps_its_row_and_what_was_planned(room):
+    """Files have names; a light that comes to bear another's old name has not been planned."""
+    bpy.ops.vir.plan()
+    key, state = bpy.data.objects["Key"], frame_state.state_of(room)
+    room.vir.active_light_index = room.objects.find("Key")
+    planned = frame_state.decision_text(state, state.name_of(key))
+    assert "view" in planned
+    key.name = "Main"
+    assert state.name_of(key) == "Key" and frame_state.decision_text(state, state.name_of(key)) == planned
+    assert room.objects[room.vir.active_light_index] == key
+    other = bpy.data.objects.new("Key", bpy.data.lights.new("Key", "AREA"))
+    room.collection.objects.link(other)
+    assert other.name == "Key" and room.objects[room.vir.active_light_index] == key
+    assert frame_state.decision_text(state, state.name_of(other)) == "not planned yet"
+    bpy.ops.vir.plan()
+    assert (state.name_of(key), state.name_of(other)) == ("Main", "Key")

@@ -311,6 +311,20 @@ def test_why_there_is_nothing_to_show(scene, viewport, add, shown, light_name, u
     assert viewport.texts[-1] == f"VIR: {said}"
 
 
+def test_a_light_that_is_renamed_is_still_the_one_that_is_shown(scene, viewport, add):
+    add.light("Other", location=(2, -1, 5), data={"size": 1.0})
+    scene.vir.preview_light = "Key"
+    bpy.context.view_layer.update()
+    switch_on(scene, viewport)
+    bpy.data.objects["Key"].name = "Main"
+    bpy.context.view_layer.update()
+    viewport.draw()
+    tick_until_idle()
+    (shown,) = running._running.viewports.values()
+    assert shown.preview.render.choice.light_name == "Main" and not shown.problem
+    assert shown.preview.picture is not None and scene.vir.preview_light_now == "Main"
+
+
 def test_what_is_compared_with_need_not_have_been_drawn(scene, viewport):
     scene.vir.use_preview, scene.vir.preview_display = True, "DIFFERENCE"
     viewport.draw()

@@ -7,7 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from vir_addon import blender  # noqa: E402  (bpy decides whether this file runs)
-from vir_addon.blender import panels, properties  # noqa: E402
+from vir_addon.blender import object_names, panels, properties  # noqa: E402
 from vir_addon.blender.extract import snapshot  # noqa: E402
 from vir_addon.core.errors import UsageError  # noqa: E402
 from vir_addon.core.plan import plan  # noqa: E402
@@ -238,3 +238,27 @@ def test_marks_of_reflectors_that_others_have_set(registered, add, mark, expecte
     assert panels.reflector_names(registered) == (set() if expected == "AUTO" else {"Cube"})
     taken = snapshot(bpy.context.evaluated_depsgraph_get(), with_materials=True)
     assert taken.instances.reflector_mark.tolist() == [{"AUTO": -1, "NEVER": 0, "ALWAYS": 1}[expected]]
+
+
+def test_the_light_that_is_shown_may_be_renamed(registered, add, tmp_path):
+    key = add.light("Key")
+    add.light("Fill")
+    wishes = registered.vir
+    wishes.preview_light_now = "Key"
+    key.name = "Main"
+    assert wishes.preview_light_now == "Main" and wishes.preview_light == "Key"
+    bpy.data.objects["Fill"].name = "Key"
+    assert wishes.preview_light_now == "Main", "the one that has the old name now"
+    wishes.preview_light = "Key"
+    wishes.preview_light_now = "Key"
+    assert object_names.named_object(wishes, "preview_light").name == "Key"
+    wishes.preview_light_now = "Main"
+    key.name = "Hero"
+    # what is saved is its name
+    opened = open_file(save(tmp_path))
+    assert opened.vir.preview_light == opened.vir.preview_light_now == "Hero"
+    # renamed before anybody has asked for it
+    bpy.data.objects["Hero"].name = "Again"
+    assert opened.vir.preview_light_now == "Again"
+    bpy.data.objects.remove(bpy.data.objects["Again"])
+    assert object_names.named_object(opened.vir, "preview_light") is None

@@ -93,7 +93,8 @@ def changes() -> Steps:
     bpy.data.objects["Light"].name = "Renamed"
     yield 0.5
     yield from wait_until(lambda: not any(one.is_busy for one in shown()), "renamed", 100)
-    print("renamed:", scene.vir.preview_light, [blender_side("preview.running").status_text(one) for one in shown()], flush=True)
+    assert scene.vir.preview_light_now == "Renamed"
+    print("renamed:", [blender_side("preview.running").status_text(one) for one in shown()], flush=True)
     yield from screenshot("6_renamed")
     scene.vir.preview_light = ""
     yield from finish("of all lights")

@@ -24,6 +24,8 @@ class SceneState:
     """view layer name -> light name -> what the plan decided"""
     reflectors: dict[str, tuple[bool, str]] = field(default_factory=dict)
     """object name -> whether it is drawn, in any view layer, and how or why not"""
+    names: dict[int, str] = field(default_factory=dict)
+    """session_uid of the scene's own objects in these -> their names there; they may have been renamed since"""
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     """one sentence an object"""
@@ -35,6 +37,10 @@ class SceneState:
     problem: str = ""
     """what the user has to mend, in words; empty after a render that went well"""
     running: SteppedRender | None = None
+
+    def name_of(self, item: bpy.types.Object) -> str:
+        """Under which one of the scene's objects is known here; empty where one that is called otherwise now has its name here."""
+        return self.names.get(item.session_uid, "" if item.name in self.names.values() else item.name)
 
     def planned(self, light_name: str) -> PlannedPass | None:
         """By the first view layer that knows the light and renders it, or else says why not."""
@@ -81,13 +87,13 @@ def note_plan(scene: bpy.types.Scene, jobs: Mapping[str, LayerJob]) -> None:
     """Of all view layers."""
     state = state_of(scene)
     state.problem = ""
-    state.plans, state.reflectors, state.notes, state.left_out, state.forecasts = {}, {}, (), (), {}
+    state.plans, state.reflectors, state.names, state.notes, state.left_out, state.forecasts = {}, {}, {}, (), (), {}
     for name, job in jobs.items():
-        _add_plan(state, name, job)
+        _add_plan(state, scene, name, job)
         state.forecasts[name] = make_forecast(job.snapshot, job.plan)
 
 
-def _add_plan(state: SceneState, layer_name: str, job: LayerJob) -> None:
+def _add_plan(state: SceneState, scene: bpy.types.Scene, layer_name: str, job: LayerJob) -> None:
     state.plans[layer_name] = {planned.light_name: planned for planned in job.plan.passes}
     if job.plan.reflections is not None:
         for reflector in job.plan.reflections.lines:
@@ -96,6 +102,8 @@ def _add_plan(state: SceneState, layer_name: str, job: LayerJob) -> None:
             runs, _ = state.reflectors.get(reflector.name, (None, ""))
             if reflector.maps or runs is None or reflector.runs > runs:
                 state.reflectors[reflector.name] = (reflector.runs, how)
+    own = (scene.objects.get(name) for name in (*state.plans[layer_name], *state.reflectors))
+    state.names |= {item.session_uid: item.name for item in own if item is not None}
     state.notes = tuple(dict.fromkeys((*state.notes, *job.plan.notes)))
     state.left_out = tuple(sorted({*state.left_out, *(item.text for item in job.snapshot.left_out)}))
 
@@ -114,8 +122,8 @@ def note_layer(scene: bpy.types.Scene, job: LayerJob, passes: PassSet, render_s:
     state, layer_name = state_of(scene), job.snapshot.view_layer_name
     if is_first:
         state.problem = ""
-        state.plans, state.reflectors, state.notes, state.left_out, state.statistics = {}, {}, (), (), {}
-    _add_plan(state, layer_name, job)
+        state.plans, state.reflectors, state.names, state.notes, state.left_out, state.statistics = {}, {}, {}, (), (), {}
+    _add_plan(state, scene, layer_name, job)
     state.statistics[layer_name] = passes.statistics
     state.frame = job.snapshot.frame
     _note_time({layer_name: job}, {layer_name: passes}, render_s)

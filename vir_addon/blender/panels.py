@@ -13,6 +13,7 @@ from . import frame_state
 from .frame_hook import reasons_against_frames
 from .frame_state import SceneState, decision_text, state_of
 from .job import SURFACE_TYPES
+from .object_names import named_object
 from .operators import reason_against_rendering
 from .presets import VIR_PT_presets, matching_preset
 from .properties import is_newer, reflector_mark, settings_of
@@ -46,7 +47,8 @@ class VIR_UL_lights(bpy.types.UIList):
         row = layout.row(align=True)
         row.prop(item.data.vir, "use_pass", text="")
         letters = _letters_across(context, LIST_MARGIN_PX)
-        decision = decision_text(state_of(context.scene), item.name, int(letters * (1.0 - NAME_SHARE)))
+        state = state_of(context.scene)
+        decision = decision_text(state, state.name_of(item), int(letters * (1.0 - NAME_SHARE)))
         split = row.split(factor=name_share(item.name, decision, letters), align=True)
         split.label(text=item.name, translate=False, icon=LIGHT_ICONS.get(item.data.type, "LIGHT"))
         text = split.row()
@@ -77,7 +79,7 @@ class VIR_UL_reflectors(bpy.types.UIList):
         row = split.split(factor=0.4, align=True)
         row.prop(item.vir, "reflector", text="")
         state = state_of(context.scene)
-        runs, how = state.reflectors.get(item.name, (False, "not a reflector" if state.plans else "not planned yet"))
+        runs, how = state.reflectors.get(state.name_of(item), (False, "not a reflector" if state.plans else "not planned yet"))
         text = row.row()
         text.active = runs
         text.label(text=how, translate=False)
@@ -91,8 +93,8 @@ class VIR_UL_reflectors(bpy.types.UIList):
 
 def reflector_names(scene: bpy.types.Scene) -> set[str]:
     """Of the scene's objects that have a row in the list of reflectors."""
-    marked = {item.name for item in scene.objects if reflector_mark(item) >= 0}
-    return marked | (state_of(scene).reflectors.keys() & set(scene.objects.keys()))
+    state = state_of(scene)
+    return {item.name for item in scene.objects if reflector_mark(item) >= 0 or state.name_of(item) in state.reflectors}
 
 
 class _InSidebar:
@@ -164,7 +166,7 @@ class _Lights:
         state = state_of(scene)
         layout.template_list("VIR_UL_lights", "", scene, "objects", scene.vir, "active_light_index", rows=4)
         _draw_light(layout, context, state)
-        known = {item.name for item in scene.objects}
+        known = {state.name_of(item) for item in scene.objects}
         inside = sorted({name for lines in state.plans.values() for name in lines} - known)
         for name in inside:  # lights of instanced collections have no row of their own
             _draw_text(layout, context, f"{name}: {decision_text(state, name)}", "OUTLINER_OB_GROUP_INSTANCE")
@@ -172,7 +174,7 @@ class _Lights:
 
 def _draw_light(layout: Any, context: Any, state: SceneState) -> None:
     scene = context.scene
-    chosen = scene.objects.get(scene.vir.active_light)
+    chosen = named_object(scene.vir, "active_light")
     if chosen is None or chosen.type != "LIGHT":
         layout.label(text="Click a light for details")
         return
@@ -185,12 +187,13 @@ def _draw_light(layout: Any, context: Any, state: SceneState) -> None:
     views = row.row()
     views.enabled = wishes.use_own_views
     views.prop(wishes, "view_count", text="")
-    planned = state.planned(chosen.name)
+    name = state.name_of(chosen)
+    planned = state.planned(name)
     if planned is not None:
         _draw_text(box, context, planned.reason[:1].upper() + planned.reason[1:] + ".", "NONE")
-    made = state.made(chosen.name)
+    made = state.made(name)
     if made is not None:
-        _draw_text(box, context, f"Made by {made.method} in frame {state.frame}: {decision_text(state, chosen.name)}.", "NONE")
+        _draw_text(box, context, f"Made by {made.method} in frame {state.frame}: {decision_text(state, name)}.", "NONE")
 
 
 class _Reflectors:
@@ -207,12 +210,14 @@ class _Reflectors:
         names = reflector_names(scene)
         if names:
             layout.template_list("VIR_UL_reflectors", "", scene, "objects", scene.vir, "active_reflector_index", rows=3)
-        if (runs_and_how := state.reflectors.get(scene.vir.active_reflector)) is not None:
-            _draw_text(layout.box(), context, f"{scene.vir.active_reflector}: {runs_and_how[1]}", "CHECKMARK" if runs_and_how[0] else "X")
+        active = named_object(scene.vir, "active_reflector")
+        if active is not None and (runs_and_how := state.reflectors.get(state.name_of(active))) is not None:
+            _draw_text(layout.box(), context, f"{active.name}: {runs_and_how[1]}", "CHECKMARK" if runs_and_how[0] else "X")
         if chosen is not None and chosen.name not in names and chosen.type in SURFACE_TYPES:
             layout.prop(chosen.vir, "reflector", text=chosen.name, translate=False)
+        rows = {state.name_of(item) for item in scene.objects if item.name in names}
         for name, (runs, how) in state.reflectors.items():  # those of instanced collections, and many small ones together, have no row
-            if name not in names:
+            if name not in rows:
                 _draw_text(layout, context, f"{name}: {how}", "CHECKMARK" if runs else "X")
         if not state.reflectors:
             layout.label(text="Nothing reflects" if state.plans else "Not planned yet")

@@ -27,12 +27,17 @@ from ..core.settings import (
     Resolve,
     Settings,
 )
+from . import object_names
+from .object_names import name_object, shown_name, write_names
 
 VERSION = 1
 """of the groups; raised together with a new entry in MIGRATIONS"""
 
 MIGRATIONS: dict[int, Callable[[bpy.types.PropertyGroup], None]] = {}
 """version n -> what makes a group of version n one of version n + 1; old names are found in `stored_values`"""
+
+OBJECT_NAMES = ("active_light", "active_reflector", "preview_light")
+"""properties of scenes that name objects"""
 
 REFLECTOR_PROPERTY = "vir_reflector"
 """custom property of objects: 0 never a reflector, 1 always; missing: materials decide"""
@@ -96,22 +101,37 @@ def _set_quality(group: VIR_SceneSettings, quality: float) -> None:
     group.map_resolution_px = map_resolution_of_views(group.view_count)
 
 
+def _row_of(group: VIR_SceneSettings, property_name: str) -> int:
+    return group.id_data.objects.find(shown_name(group, property_name))
+
+
+def _name_row(group: VIR_SceneSettings, property_name: str, index: int) -> None:
+    objects = group.id_data.objects
+    name_object(group, property_name, objects[index].name if 0 <= index < len(objects) else "")
+
+
 def _get_active_light(group: VIR_SceneSettings) -> int:
-    return group.id_data.objects.find(group.active_light)
+    return _row_of(group, "active_light")
 
 
 def _set_active_light(group: VIR_SceneSettings, index: int) -> None:
-    objects = group.id_data.objects
-    group.active_light = objects[index].name if 0 <= index < len(objects) else ""
+    _name_row(group, "active_light", index)
 
 
 def _get_active_reflector(group: VIR_SceneSettings) -> int:
-    return group.id_data.objects.find(group.active_reflector)
+    return _row_of(group, "active_reflector")
 
 
 def _set_active_reflector(group: VIR_SceneSettings, index: int) -> None:
-    objects = group.id_data.objects
-    group.active_reflector = objects[index].name if 0 <= index < len(objects) else ""
+    _name_row(group, "active_reflector", index)
+
+
+def _get_preview_light(group: VIR_SceneSettings) -> str:
+    return shown_name(group, "preview_light")
+
+
+def _set_preview_light(group: VIR_SceneSettings, name: str) -> None:
+    name_object(group, "preview_light", name)
 
 
 def _light_names(group: VIR_SceneSettings, _context: Any, typed: str) -> list[str]:
@@ -363,9 +383,16 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
     )
     preview_light: bpy.props.StringProperty(
         name="Light",
+        description="The name that the light had when it was chosen whose shadows the preview shows. Empty: those of all lights together",
+        options={"HIDDEN"},
+        update=_redraw_viewports,
+    )
+    preview_light_now: bpy.props.StringProperty(
+        name="Light",
         description="The light whose shadows the preview shows. Empty: those of all lights together",
         search=_light_names,
-        update=_redraw_viewports,
+        get=_get_preview_light,
+        set=_set_preview_light,
     )
     preview_slice_ms: bpy.props.FloatProperty(
         name="Time Slice",
@@ -459,6 +486,7 @@ def unregister() -> None:
     bpy.app.handlers.save_pre.remove(_stamp)
     bpy.app.handlers.blend_import_post.remove(_bring_up_to_date)
     bpy.app.handlers.load_post.remove(_bring_up_to_date)
+    object_names.forget()
     for owner in reversed(_OWNERS):
         del owner.vir
     for group_class in reversed(CLASSES):
@@ -533,11 +561,13 @@ def _bring_up_to_date(*_: Any) -> None:
                 traceback.print_exc()
                 break
             group.version += 1
+    write_names([scene.vir for scene in bpy.data.scenes], OBJECT_NAMES)
 
 
 @bpy.app.handlers.persistent
 def _stamp(*_: Any) -> None:
     """Before saving. Groups that hold nothing stay that way: files without VIR are not touched by it."""
+    write_names([scene.vir for scene in bpy.data.scenes], OBJECT_NAMES)
     for group in _versioned_groups():
         # others have their version: a newer one, or one that could not be brought up to date and is to be tried again
         is_unstamped = group.id_data.library is None and group.version == 0

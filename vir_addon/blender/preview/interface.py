@@ -55,7 +55,7 @@ class VIR_PT_preview(bpy.types.Panel):
         column.prop(wishes, "preview_pass")
         row = column.row()
         row.active = wishes.preview_pass in ("ALL", "SHADOW")
-        row.prop(wishes, "preview_light")
+        row.prop(wishes, "preview_light_now")
         column.prop(wishes, "preview_display")
         column.prop(wishes, "preview_slice_ms")
         if wishes.device == "MODERNGL":

@@ -24,6 +24,7 @@ from .. import devices
 from ..extract.mesh_cache import MeshCache, changes_only_lights
 from ..extract.viewport_view import ViewportView, viewport_view
 from ..frame_state import is_rendering
+from ..object_names import named_object
 from ..properties import settings_of
 from ..render_depsgraph import is_evaluating
 from .overlay import Display, Overlay, draw_text
@@ -234,9 +235,8 @@ def _draw_region(context: bpy.types.Context) -> None:
 
 
 def _choice_of(scene: bpy.types.Scene) -> Choice:
-    light_name = scene.vir.preview_light
-    # it may have been deleted
-    return Choice(ShownPasses[scene.vir.preview_pass], light_name if light_name in scene.objects else None)
+    light = named_object(scene.vir, "preview_light")  # None where it was deleted
+    return Choice(ShownPasses[scene.vir.preview_pass], None if light is None else light.name)
 
 
 def _display_of(scene: bpy.types.Scene) -> Display:
