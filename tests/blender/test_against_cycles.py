@@ -64,6 +64,30 @@ def test_small_picture_agrees(scene):
         assert np.sqrt(max(penumbra**2 - reference.noise**2, 0)) <= 0.035, method
 
 
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+def test_sheared_cameras_and_discs_agree(scene, kind):
+    """Children of what is scaled unevenly, before a flat-shaded box: outlines are where they would be elsewhere without the shear."""
+    suzanne_on_a_floor(scene, levels=0)
+    bpy.data.objects.remove(bpy.data.objects["Suzanne"])
+    bpy.ops.mesh.primitive_cube_add(size=1.2, location=(0, 0, 1), rotation=(0.3, 0.4, 0.5))
+    key, camera = bpy.data.objects["Key"], scene.camera
+    key.data.shape, key.data.size, key.data.size_y = "ELLIPSE", 1.0, 0.5
+    parent = bpy.data.objects.new("Parent", None)
+    scene.collection.objects.link(parent)
+    parent.scale = (1.0, 1.3, 0.7)
+    camera.parent = key.parent = parent
+    key.location, key.rotation_euler = (2.0, -1.5, 6.0), (0.6, 0.0, 0.785)
+    camera.location, camera.rotation_euler = (1.0, -4.0, 6.0), (0.9, 0.2, 0.3)
+    camera.data.type, camera.data.ortho_scale = kind, 6.0
+    cycles.prepare(scene, (160, 90))
+    reference = cycles.CyclesReference(scene, 128)
+    image, _ = shadow_pass(scene, Method.MVR, 128)
+    assert reference.noise < 0.01 and reference.penumbra.mean() > 0.02
+    errors = reference.errors(image)
+    assert np.sqrt(max(errors["rmse"] ** 2 - reference.noise**2, 0)) <= 0.015
+    assert errors["rmse_off_outlines"] <= 0.01
+
+
 def white_with_opacity(name: str, link_opacity):
     """White diffuse, mixed with transparency by what `link_opacity(tree, socket)` links to the factor."""
     material = bpy.data.materials.new(name)

@@ -11,6 +11,7 @@ bpy = pytest.importorskip("bpy")
 
 from vir_addon.blender.extract.camera import compute_window, extract_camera, extract_picture, extract_pixel_filter  # noqa: E402
 from vir_addon.core.errors import SceneError  # noqa: E402
+from vir_addon.core.passes.eye import clip_from_view  # noqa: E402
 from vir_addon.core.scene import FilterShape  # noqa: E402
 
 LENS = st.floats(1.0, 300.0)
@@ -87,18 +88,32 @@ def test_camera_keeps_its_place_without_its_scale(scene, add, take):
     assert np.allclose(taken.camera.world_from_view[:3, 3] + taken.world_origin_m, (30.0, 0.0, 0.0), atol=1e-4)
 
 
-def test_sheared_camera_keeps_its_direction(scene, add, take):
-    scene.camera.parent = add.object("Parent", None, scale=(1.0, 2.0, 5.0))
-    scene.camera.rotation_euler = (1.0, 0.4, 0.3)
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+@pytest.mark.parametrize("mirrors", [1.0, -1.0])
+def test_sheared_camera_shows_what_lies_along_its_own_axes(scene, add, take, kind, mirrors):
+    """At any place of the frame, (u, v) from its middle: what lies along u X + v Y - Z, the axes' lengths taken out."""
+    scene.camera.parent = add.object("Parent", None, scale=(mirrors, 2.0, 5.0))
+    scene.camera.rotation_euler, scene.camera.location = (1.0, 0.4, 0.3), (1.0, 2.0, -3.0)
+    data = scene.camera.data
+    data.type, data.shift_x, data.lens, data.ortho_scale = kind, 0.1, 30.0, 7.0
     taken = take()
-    expected = np.array(scene.camera.matrix_world)[:3, 2]
-    rotation = taken.camera.world_from_view[:3, :3]
-    assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
-    assert np.allclose(rotation[:, 2], expected / np.linalg.norm(expected), atol=1e-6)
-    (note,) = taken.notes
-    assert note.startswith("The camera 'Camera' is sheared")
+    camera = taken.camera
+    assert not taken.notes and abs(camera.skew) > 0.01
+    rotation = camera.world_from_view[:3, :3]
+    assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9) and np.linalg.det(rotation) > 0
+    matrix = np.array(scene.camera.matrix_world, np.float64)
+    x, y, z = (matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)).T
+    left, right, bottom, top = compute_window(data, scene.render, taken.width_px, taken.height_px)
+    clip_from_world = clip_from_view(camera, camera.clip_start_m, camera.clip_end_m) @ np.linalg.inv(camera.world_from_view)
+    for across, up in ((-1, -1), (1, -1), (0.3, 0.6), (-0.7, 1)):
+        u, v = (left + right + across * (right - left)) / 2, (bottom + top + up * (top - bottom)) / 2
+        for depth in (1.0, 5.0):
+            aside = u * x + v * y
+            place = matrix[:3, 3] + (aside - depth * z if kind == "ORTHO" else depth * (aside - z))
+            clip = clip_from_world @ [*place, 1]
+            assert np.allclose(clip[:2] / clip[3], (across, up), atol=1e-5)
     scene.camera.parent.scale = (5.0, 5.0, 5.0)
-    assert not take().notes
+    assert take().camera.skew == 0
 
 
 def test_mirrored_camera_gives_a_mirrored_window(scene, take):

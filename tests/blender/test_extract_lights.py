@@ -72,6 +72,22 @@ def test_sheared_area_light_keeps_its_plane_and_its_area(add, take):
     assert not take().notes
 
 
+def test_sheared_ellipse_is_an_ellipse_along_other_axes(add, take):
+    """Every place of its rim is one of the sheared rim."""
+    key = add.light("Key", data={"shape": "ELLIPSE", "size": 2.0, "size_y": 0.75})
+    key.parent = add.object("Parent", None)
+    key.matrix_parent_inverse = Matrix(((1, 0.75, 0, 3), (0, 2, 0, 1), (0, 0.25, 1, 5), (0, 0, 0, 1)))
+    taken = take()
+    light = only_light(taken)
+    assert not taken.notes
+    rotation = light.world_from_light[:3, :3]
+    assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
+    angle = np.linspace(0, 2 * np.pi, 100)
+    rim = np.stack([light.size_x_m / 2 * np.cos(angle), light.size_y_m / 2 * np.sin(angle), 0 * angle, 1 + 0 * angle])
+    x, y, z, _ = np.linalg.inv(np.array(key.matrix_world, np.float64)) @ light.world_from_light @ rim
+    assert np.allclose((x / 1.0) ** 2 + (y / 0.375) ** 2, 1, atol=1e-5) and np.allclose(z, 0, atol=1e-6)
+
+
 @pytest.mark.parametrize("kind", ["POINT", "SPOT", "SUN"])
 def test_other_lights_carry_their_soft_size(add, take, kind):
     data = {"angle": 0.2} if kind == "SUN" else {"shadow_soft_size": 0.3}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,8 +49,11 @@ def eye_pixels(snapshot: SceneSnapshot) -> EyePixels:
     camera = snapshot.camera
     left, right, bottom, top = camera.window
     width = min(abs(right - left) / snapshot.width_px, abs(top - bottom) / snapshot.height_px)
+    # skewed pixels are narrower across their longer diagonal
+    width *= math.hypot(1, camera.skew / 2) - abs(camera.skew) / 2
     if camera.is_orthographic:
         return EyePixels(camera.world_from_view[:3, 3], 0.0, width)
     # away from the axis a tangent's step is a smaller angle, by the squared cosine
-    squared_tangent = max(abs(left), abs(right)) ** 2 + max(abs(bottom), abs(top)) ** 2
+    widest = max(abs(left), abs(right))
+    squared_tangent = widest**2 + (max(abs(bottom), abs(top)) + abs(camera.skew) * widest) ** 2
     return EyePixels(camera.world_from_view[:3, 3], width / (1 + squared_tangent), 0.0)

@@ -543,12 +543,13 @@ def _may_be_in_picture(camera: Camera, corners_ws: np.ndarray) -> np.ndarray:
     left, right, bottom, top = camera.window
     depth = -p[..., 2]
     scale = np.ones_like(depth) if camera.is_orthographic else depth
+    y = p[..., 1] - camera.skew * p[..., 0]
     sides = [
         depth - camera.clip_start_m,
         camera.clip_end_m - depth,
         p[..., 0] - left * scale,
         right * scale - p[..., 0],
-        p[..., 1] - bottom * scale,
-        top * scale - p[..., 1],
+        y - bottom * scale,
+        top * scale - y,
     ]
     return np.logical_and.reduce([(side >= 0).any(axis=-1) for side in sides])

@@ -245,6 +245,8 @@ class Camera:
     left > right for a mirrored camera"""
     clip_start_m: float
     clip_end_m: float
+    skew: float = 0.0
+    """of a sheared camera: by how much higher the window is for each unit of x, so that it is a parallelogram"""
 
 
 class FilterShape(enum.Enum):

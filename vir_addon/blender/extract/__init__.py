@@ -20,7 +20,7 @@ from ...core.scene import LeftOut, Light, SceneSnapshot
 from ...core.steps import HostWork, Steps, run_steps
 from ..materials.image_cache import ImageCache, OutOfTimeError
 from ..render_depsgraph import engine_of
-from .camera import LARGEST_SHEAR, Picture, extract_camera, extract_picture, extract_pixel_filter, shear_of
+from .camera import Picture, extract_camera, extract_picture, extract_pixel_filter
 from .instances import PlacedInstances, SurfaceRows
 from .light_linking import SceneLinking
 from .lights import LightRow, UnusableLight, name_lights, notes_on_lights, place_light
@@ -238,11 +238,6 @@ def _notes(depsgraph: bpy.types.Depsgraph, placed: PlacedInstances) -> list[str]
         notes.append("Motion blur is on: the passes show the frame's own moment, without blur.")
     if scene.camera.data.dof.use_dof:
         notes.append("Depth of field is on: the passes are sharp everywhere.")
-    if shear_of(np.array(scene.camera.matrix_world, dtype=np.float64)[:3, :3]) > LARGEST_SHEAR:
-        notes.append(
-            f"The camera '{scene.camera.name}' is sheared, as by a parent that is scaled unevenly; the passes are without the shear and do "
-            "not lie on the picture that renderers make."
-        )
     if placed.holdout_names:
         notes.append(f"Holdouts are treated as ordinary surfaces: {', '.join(placed.holdout_names)}.")
     if np.linalg.norm(placed.world_origin_m) > 0.0:

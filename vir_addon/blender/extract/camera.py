@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -68,22 +69,20 @@ def extract_camera(
         raise SceneError(f"The camera '{name}' is {kind}. Only perspective and orthographic cameras can be rendered.")
     world_from_camera = np.array(camera_object.matrix_world, dtype=np.float64)
     world_from_camera[:3, 3] -= world_origin_m
-    world_from_view, is_mirrored = split_rigid(world_from_camera, name)
+    is_orthographic = data.type == "ORTHO"
+    parted = split_rigid(world_from_camera, name, is_orthographic=is_orthographic)
     window = _crop(compute_window(data, render, picture.frame_width_px, picture.frame_height_px), picture)
     if not np.isfinite(window).all() or window[0] == window[1] or window[2] == window[3]:
         raise SceneError(f"The camera '{name}' shows nothing: check its focal length, sensor or orthographic scale.")
-    camera = Camera(
+    return Camera(
         name=name,
-        is_orthographic=data.type == "ORTHO",
-        world_from_view=world_from_view,
-        window=window,
-        clip_start_m=data.clip_start,
-        clip_end_m=data.clip_end,
+        is_orthographic=is_orthographic,
+        world_from_view=parted.world_from_view,
+        window=parted.window(window),
+        clip_start_m=parted.depth * data.clip_start,
+        clip_end_m=parted.depth * data.clip_end,
+        skew=parted.skew,
     )
-    if is_mirrored:
-        left, right, bottom, top = window
-        return replace(camera, window=(-left, -right, bottom, top))
-    return camera
 
 
 def compute_window(data: bpy.types.Camera, render: bpy.types.RenderSettings, width_px: int, height_px: int) -> Window:
@@ -120,32 +119,65 @@ def _crop(window: Window, picture: Picture) -> Window:
     )
 
 
-def split_rigid(world_from_camera: np.ndarray, name: str) -> tuple[np.ndarray, bool]:
-    """(4, 4) right-handed and orthonormal, and whether the camera was mirrored.
+@dataclass(frozen=True)
+class RigidCamera:
+    """A camera's matrix, parted into a rigid one and what that does not hold of its window."""
 
-    Blender takes the lengths out of the axes. It leaves a mirrored camera mirrored, and its picture with it; here the x axis is turned
-    round, and the caller turns the window round (left > right), which gives the same picture. Shear, which Blender passes on to the
-    picture, is removed with the viewing direction kept: `shear_of` says how much there is.
+    world_from_view: np.ndarray
+    """(4, 4) float64 right-handed and orthonormal"""
+    width: float
+    """what the window's sides are multiplied with; negative for a mirrored camera"""
+    height: float
+    shift: tuple[float, float]
+    """what is added to them then"""
+    depth: float
+    """along the view's axis, of what lies one unit along the camera's"""
+    skew: float
+    """as of `Camera`"""
+
+    def window(self, sides: Window) -> Window:
+        left, right, bottom, top = sides
+        x, y = self.shift
+        return self.width * left + x, self.width * right + x, self.height * bottom + y, self.height * top + y
+
+
+def split_rigid(world_from_camera: np.ndarray, name: str, *, is_orthographic: bool = False) -> RigidCamera:
+    """Blender takes the lengths out of the axes. It leaves a mirrored camera mirrored, a sheared one sheared, and the picture with it.
+
+    A camera with the unit axes X, Y, Z shows at (u, v) of its plane what lies along u X + v Y - Z. The view looks across the plane of X and
+    Y, with Y upright. Its axes have X at (a, b, 0), Y at (0, d, 0) and Z at (c, e, f), so that place is seen under the tangents
+    ((a u - c) / f, (b u + d v - e) / f). Orthographic cameras look along Z, and X and Y are seen as far as they lie across it.
     """
     axes = world_from_camera[:3, :3]
     lengths = np.linalg.norm(axes, axis=0)
     if not np.isfinite(world_from_camera).all() or (lengths == 0.0).any():
         raise SceneError(f"The camera '{name}' has a scale of zero or a position that is not a number. Reset its scale and position.")
-    backward = axes[:, 2] / lengths[2]
-    up = axes[:, 1] / lengths[1]
-    up -= backward * (up @ backward)
-    if np.linalg.norm(up) < 1e-6:
+    is_sheared = shear_of(axes) > ROUNDED_SHEAR
+    x, y, z = (axes / lengths).T
+    normal = np.cross(x, y)
+    if min(np.linalg.norm(normal), abs(normal @ z)) < FLAT:
         raise SceneError(f"The camera '{name}' is sheared flat. Reset its scale and that of its parents.")
+    backward = z
+    if is_sheared and not is_orthographic:
+        backward = math.copysign(1.0, normal @ z) * normal / np.linalg.norm(normal)
+    up = y - backward * (y @ backward)
     up /= np.linalg.norm(up)
     right = np.cross(up, backward)
     world_from_view = np.eye(4)
     world_from_view[:3, :3] = np.stack([right, up, backward], axis=1)
     world_from_view[:3, 3] = world_from_camera[:3, 3]
-    return world_from_view, bool(right @ axes[:, 0] < 0.0)
+    a, b, d = float(x @ right), float(x @ up), float(y @ up)
+    c, e, f = (float(z @ axis) for axis in (right, up, backward))
+    if not is_sheared:
+        return RigidCamera(world_from_view, math.copysign(1.0, a), 1.0, (0.0, 0.0), 1.0, 0.0)
+    skew = b / a
+    return RigidCamera(world_from_view, a / f, d / f, (-c / f, (skew * c - e) / f), f, skew)
 
 
-LARGEST_SHEAR = 1e-3
-"""that is not worth a word: half a pixel at the edge of a thousand"""
+FLAT = 1e-6
+"""sine of the angle between axes that are taken for one direction"""
+ROUNDED_SHEAR = 1e-6
+"""of axes that are perpendicular in single precision"""
 
 
 def shear_of(axes: np.ndarray) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...core.material_program import LUMINANCE
 from ...core.scene import Light, LightShape
-from .camera import LARGEST_SHEAR, shear_of
+from .camera import shear_of
 
 _AREA_SHAPES = {
     "SQUARE": LightShape.RECTANGLE,
@@ -22,6 +22,8 @@ _AREA_SHAPES = {
 }
 _LARGEST = 1e15
 """Of a light's numbers. Beyond it one is as good as infinite: products of a few no longer fit into single precision."""
+_LARGEST_SHEAR = 1e-3
+"""of a rectangle that is not worth a word"""
 _OTHER_SHAPES = {"POINT": LightShape.POINT, "SPOT": LightShape.SPOT, "SUN": LightShape.SUN}
 
 
@@ -155,12 +157,15 @@ def place_light(row: LightRow, name: str, world_origin_m: np.ndarray) -> Light:
     world_from_light[:3, 3] = row.world_from_object[:3, 3] - world_origin_m
     # The radius of points, spots and suns is not scaled with the object in Blender.
     scale_x, scale_y = (width_factor, height_factor) if row.shape.is_area else (1.0, 1.0)
+    size_x_m, size_y_m = row.size_x_m * scale_x, row.size_y_m * scale_y
+    if row.shape is LightShape.ELLIPSE and _is_sheared(row):
+        world_from_light[:3, :3], size_x_m, size_y_m = _principal_axes(axes, row)
     return Light(
         name=name,
         shape=row.shape,
         world_from_light=world_from_light,
-        size_x_m=row.size_x_m * scale_x,
-        size_y_m=row.size_y_m * scale_y,
+        size_x_m=size_x_m,
+        size_y_m=size_y_m,
         spread_rad=row.spread_rad,
         strength=float(np.array(LUMINANCE) @ row.strength_rgb),
         strength_rgb=tuple(row.strength_rgb.tolist()),
@@ -175,12 +180,25 @@ def place_light(row: LightRow, name: str, world_origin_m: np.ndarray) -> Light:
 
 
 def notes_on_lights(rows: list[LightRow]) -> list[str]:
-    """On area lights that are no rectangles or ellipses along their axes any more."""
+    """On area lights that are no rectangles along their axes any more. Nor does Cycles, as of 5.2, draw places on one evenly: its picture
+    is that of a light elsewhere. An ellipse stays one."""
     return [
         f"The light '{name}' is sheared, as by a parent that is scaled unevenly; it is taken without the shear, with its width and area."
         for name, row in name_lights(rows)
-        if row.shape.is_area and np.isfinite(row.world_from_object).all() and shear_of(row.world_from_object[:3, :2]) > LARGEST_SHEAR
+        if row.shape is LightShape.RECTANGLE and np.isfinite(row.world_from_object).all() and _is_sheared(row)
     ]
+
+
+def _is_sheared(row: LightRow) -> bool:
+    return shear_of(row.world_from_object[:3, :2]) > _LARGEST_SHEAR
+
+
+def _principal_axes(axes: np.ndarray, row: LightRow) -> tuple[np.ndarray, float, float]:
+    """(3, 3) axes of a light, in the plane of these, along which a sheared ellipse is longest and shortest, and how long it is there."""
+    diameters = axes[:, :2].T @ row.world_from_object[:3, :2] * [row.size_x_m, row.size_y_m]
+    directions, lengths, _ = np.linalg.svd(diameters)
+    x, z = axes[:, :2] @ directions[:, 0], axes[:, 2]
+    return np.stack([x, np.cross(z, x), z], axis=1), float(lengths[0]), float(lengths[1])
 
 
 def _cone_scale(row: LightRow) -> tuple[float, float]:

@@ -25,11 +25,13 @@ class ViewportView:
     clip_end_m: float
     hidden_uids: frozenset[int] = frozenset()
     """session_uid of objects that this viewport does not show although the view layer does: outside its local view or collections"""
+    skew: float = 0.0
+    """as of core.scene.Camera"""
 
     def camera(self, world_origin_m: np.ndarray) -> Camera:
         world_from_view = self.world_from_view.copy()
         world_from_view[:3, 3] -= world_origin_m
-        return Camera(NAME, self.is_orthographic, world_from_view, self.window, self.clip_start_m, self.clip_end_m)
+        return Camera(NAME, self.is_orthographic, world_from_view, self.window, self.clip_start_m, self.clip_end_m, self.skew)
 
 
 def viewport_view(
@@ -41,8 +43,9 @@ def viewport_view(
         return None
     if abs(np.linalg.det(view_from_world)) < 1e-12 or projection[0, 0] == 0.0 or projection[1, 1] == 0.0 or projection[2, 2] == 0.0:
         return None
-    world_from_view, is_mirrored = split_rigid(np.linalg.inv(view_from_world), NAME)
     is_orthographic = projection[3, 3] != 0.0
+    parted = split_rigid(np.linalg.inv(view_from_world), NAME, is_orthographic=bool(is_orthographic))
+    world_from_view = parted.world_from_view
     # with w of 1 (orthographic) or -z: what x and y clip space end at
     across = np.array([[-1.0, 1.0], [-1.0, 1.0]])
     shift = -projection[:2, 3] if is_orthographic else projection[:2, 2]
@@ -55,6 +58,5 @@ def viewport_view(
     else:
         # rounded to float32 the far end may be beyond infinity
         near_m, far_m = projection[2, 3] / (projection[2, 2] - 1.0), projection[2, 3] / min(projection[2, 2] + 1.0, -1e-7)
-    if is_mirrored:
-        left, right = -left, -right
-    return ViewportView(width_px, height_px, is_orthographic, world_from_view, (left, right, bottom, top), near_m, far_m, hidden_uids)
+    near_m, far_m, window = parted.depth * near_m, parted.depth * far_m, parted.window((left, right, bottom, top))
+    return ViewportView(width_px, height_px, is_orthographic, world_from_view, window, near_m, far_m, hidden_uids, parted.skew)

@@ -261,8 +261,7 @@ class ViewportPreview:
 
 def is_same_view(one: ViewportView, other: ViewportView) -> bool:
     return one is other or (
-        (one.width_px, one.height_px, one.is_orthographic, one.window, one.clip_start_m, one.clip_end_m, one.hidden_uids)
-        == (other.width_px, other.height_px, other.is_orthographic, other.window, other.clip_start_m, other.clip_end_m, other.hidden_uids)
+        all(getattr(one, name) == getattr(other, name) for name in one.__dataclass_fields__ if name != "world_from_view")
         and np.array_equal(one.world_from_view, other.world_from_view)
     )
 

@@ -93,6 +93,7 @@ def clip_from_view(camera: Camera, near_m: float, far_m: float) -> np.ndarray:
     left, right, bottom, top = camera.window
     m = np.zeros((4, 4))
     m[0, 0], m[1, 1] = 2 / (right - left), 2 / (top - bottom)
+    m[1, 0] = -camera.skew * m[1, 1]
     if camera.is_orthographic:
         m[:2, 3] = -(right + left) / (right - left), -(top + bottom) / (top - bottom)
         m[2, 2:] = -2 / (far_m - near_m), -(far_m + near_m) / (far_m - near_m)
@@ -262,9 +263,10 @@ class EyePass(Shared):
         rotation, eye = self.camera.world_from_view[:3, :3], self.camera.world_from_view[:3, 3]
         plane_z = 0.0 if self.camera.is_orthographic else -1.0
         # from the eye: near 1 m off, it would drown in the rounding of an eye that stands kilometres from the origin
-        corner = rotation @ [left + step_x * offset_px[0], bottom + step_y * offset_px[1], plane_z]
+        x = left + step_x * offset_px[0]
+        corner = rotation @ [x, bottom + step_y * offset_px[1] + self.camera.skew * x, plane_z]
         table = np.zeros((5, 4))
-        table[:, :3] = corner, rotation[:, 0] * step_x, rotation[:, 1] * step_y, eye, -rotation[:, 2]
+        table[:, :3] = corner, rotation @ [step_x, self.camera.skew * step_x, 0.0], rotation[:, 1] * step_y, eye, -rotation[:, 2]
         table[3, 3] = self.camera.is_orthographic
         return table
 

@@ -292,6 +292,8 @@ def covered_window(camera: Camera, corners_ws: np.ndarray) -> tuple[float, float
     """Bounds of some places, (n, 3), in the camera's window: smaller x, larger x, smaller y, larger y."""
     low_x, high_x = sorted(camera.window[:2])
     low_y, high_y = sorted(camera.window[2:])
+    higher = sorted((camera.skew * low_x, camera.skew * high_x))
+    low_y, high_y = low_y + higher[0], high_y + higher[1]
     view_from_world = np.linalg.inv(camera.world_from_view)
     p = corners_ws @ view_from_world[:3, :3].T + view_from_world[:3, 3]
     depth = np.ones(len(p)) if camera.is_orthographic else -p[:, 2]
