@@ -22,5 +22,5 @@ void main() {
     }
 #endif
     // 0 is left for the background
-    visible = uvec2(uint(instance_id) + 1u, uint(gl_PrimitiveID));
+    visible = uvec2(uint(instance_id) + 1u, uint(first_triangle + gl_PrimitiveID));
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from tests.scenes import box, bumpy_sphere, floor, matte, mirror, perspective_ca
 from vir_addon.core.material import World
 from vir_addon.core.material_program import LUMINANCE
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
+from vir_addon.core.passes import eye
 from vir_addon.core.plan import plan
 from vir_addon.core.render import Renderer
 from vir_addon.core.settings import Effect, ReflectionMethod, Settings
@@ -33,6 +35,32 @@ def test_reflections_are_the_same_on_both_devices(both, method):
         differs = np.abs(images[0][name] - images[1][name]).max(axis=-1) > 1e-3 * images[0][name].max()
         # an edge that a ray meets, or passes by, in the last place of float32
         assert differs.mean() < 0.005
+
+
+@pytest.mark.parametrize("triangles_at_once", [1, 7, 300])
+def test_the_eye_rasterizes_in_portions_what_it_does_at_once(device, monkeypatch, triangles_at_once):
+    """Which triangles of which instances pixels see: ranges of a mesh, some of its instances, several meshes."""
+    camera = perspective_camera((0.5, -3.0, 1.6), (0, 0, 0.7), 64, 36, 0.6)
+    meshes = [floor(4.0), bumpy_sphere("ball", (0, 0, 0.8), 0.7, 12), box("box", (0.3, -1.4, 0.3), (0.3, 0.3, 0.3))]
+    materials = [matte((0.1, 0.1, 0.1)), mirror(), matte((0.9, 0.9, 0.9))]
+    scene = snapshot(meshes, [point_light()], camera, 64, 36, materials=materials, world=World((1.0, 1.0, 1.0)))
+    mesh_index, moves = [0, 1, 2, 2, 2, 2], np.eye(4)[None].repeat(6, axis=0)
+    moves[2:, 0, 3] = -1.5, -0.5, 0.5, 1.0
+    rows = {name: values[mesh_index] for name, values in vars(scene.instances).items() if isinstance(values, np.ndarray)}
+    instances = dataclasses.replace(scene.instances, **rows)
+    scene = dataclasses.replace(scene, instances=dataclasses.replace(instances, world_from_object=moves @ instances.world_from_object))
+    settings = Settings(effects=(Effect.REFLECTION,), reflection_sample_count=4, bounces=1)
+
+    def seen() -> list[np.ndarray]:
+        with contextlib.closing(Renderer(scene, plan(scene, settings), device)) as renderer:
+            device.run(renderer.prepare)
+            return [device.read(texture) for texture in (*renderer.eye.buffers[0], *renderer.eye.triangles)]
+
+    whole = seen()
+    assert {0, 1, 2, 3, 4, 5} <= set(whole[0][..., 3].ravel().tolist()) and whole[2][..., 0].max() > 200
+    monkeypatch.setattr(eye, "TRIANGLES_AT_ONCE", triangles_at_once)
+    for image, expected in zip(seen(), whole, strict=True):
+        np.testing.assert_array_equal(image, expected)
 
 
 def test_the_error_estimate_is_that_of_the_sums(device):

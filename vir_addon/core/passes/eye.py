@@ -18,15 +18,17 @@ from ...device.interface import Texture, TextureFormat
 from ...device.owned import Owned, Shared
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera
-from ..steps import run_steps
+from ..steps import run_pauses, run_steps
 from .opacity_maps import of_cut_outs
-from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData
+from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData, portions
 from .tiles import PROBES_FLAG, SIZE_CONSTANTS, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, TileSplit, grid_shape
 
 MAX_SAMPLES_PER_PX = 6
 """visibility samples along a pixel's side: as many as there are offsets, or as MAX_VISIBILITY_TEXELS allows"""
 MAX_VISIBILITY_TEXELS = 1 << 25
 """400 MiB of visibility and depth"""
+TRIANGLES_AT_ONCE = 1 << 18
+"""that are rasterized without a pause: .03 to .06 s of a software rasterizer's time"""
 
 VISIBILITY = RasterDeclaration(
     name="visibility",
@@ -37,6 +39,7 @@ VISIBILITY = RasterDeclaration(
     constants={
         "clip_from_world": Constant("mat4", "of the camera, shifted by the sub-pixel offset"),
         "first_instance": Constant("int", "instance number of the draw's first instance"),
+        "first_triangle": Constant("int", "number of the draw's first triangle in its mesh"),
     },
     varyings={"instance_id": Varying("int", "flat", "instance number")},
     output_name="visible",
@@ -167,23 +170,23 @@ class EyePass(Shared):
         run_steps(self.rendering(indices, batch))
 
     def rendering(self, indices: Sequence[int], batch: int) -> Generator[None, None, None]:
-        """`render`, pausing once everything is rasterized."""
+        """`render`, pausing while triangles are rasterized and once all are."""
         self._indices = indices
         for part, index in enumerate(indices):
-            if self._see(index):
+            if (yield from self._seeing(index)):
                 yield
             bindings = self._bindings(part, index)
             self.tiles.walked.dispatch(self.surface, **bindings)
             if self.tiles.probed.count:
                 self.tiles.probed.dispatch_probes(self.device.compute_kernel(self.surface_declaration, "PROBES"), batch, **bindings)
 
-    def _see(self, index: int) -> bool:
-        """Have `visibility` be that of an offset; whether it was another."""
+    def _seeing(self, index: int) -> Generator[None, None, bool]:
+        """Have `visibility` be that of an offset; returns whether it was another."""
         number = int(self.visibility_index[index])
         if number == self._current_visibility:
             return False
         self._current_visibility = -1
-        self._rasterize(self.base_offsets_px[number] + 0.5 - 0.5 / self.samples_per_px, number)
+        yield from self._rasterizing(self.base_offsets_px[number] + 0.5 - 0.5 / self.samples_per_px, number)
         self._current_visibility = number
         return True
 
@@ -209,7 +212,7 @@ class EyePass(Shared):
             with Owned() as temporary:
                 tiles = temporary.own(Tiles(self.device, missing))
                 for part, index in enumerate(self._indices):
-                    self._see(index)
+                    run_pauses(self._seeing(index))
                     tiles.dispatch(self.surface, **self._bindings(part, index))
             self.want_only(self.tiles.is_walked | missing)
 
@@ -230,8 +233,8 @@ class EyePass(Shared):
             "eye": self.eye_table(index),
         }
 
-    def _rasterize(self, shift_px: np.ndarray, visibility_number: int) -> None:
-        """shift_px: (2,) from a pixel's centre to the middle between its samples"""
+    def _rasterizing(self, shift_px: np.ndarray, visibility_number: int) -> Generator[None, None, None]:
+        """Pauses between portions of triangles. shift_px: (2,) from a pixel's centre to the middle between its samples"""
         width, height = self.size
         scale = np.eye(4)
         margin = 2 * self.margin_px
@@ -242,8 +245,11 @@ class EyePass(Shared):
         self.device.fill(self.depth, 0)
         viewport = (0, 0, *self._visibility_size)
         clip_from_world = scale @ projection @ np.linalg.inv(self.camera.world_from_view)
-        bindings = {"clip_from_world": clip_from_world, "instances": self.scene_data.instances}
-        self.rasterize.draw(self.target, viewport, self.draws, **bindings)
+        bindings = {"clip_from_world": clip_from_world, "instances": self.scene_data.instances, "first_triangle": 0}
+        for number, draws in enumerate(portions(self.draws, TRIANGLES_AT_ONCE) if self.device.is_software else [self.draws]):
+            if number:
+                yield
+            self.rasterize.draw(self.target, viewport, draws, **bindings)
         if self.scene_data.opacity_maps is not None:
             self.device.raster_kernel(VISIBILITY_OF_CUT_OUTS).draw(
                 self.target,

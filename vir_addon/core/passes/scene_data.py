@@ -11,7 +11,8 @@ Integers are floats here (Blender uploads only floats), those that may exceed 2^
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -201,6 +202,36 @@ class SceneData(Shared):
 
     def _free(self) -> None:
         self._owned.close()
+
+
+def portions(draws: Iterable[Draw], triangle_count: int) -> Iterator[list[Draw]]:
+    """The same in the same order, so many triangles at a time at most. Kernels are told the first triangle of a draw by a constant."""
+    portion: list[Draw] = []
+    drawn = 0
+    for draw in draws:
+        for piece in _pieces(draw, triangle_count):
+            count = piece.instance_count * (piece.mesh.triangle_count if piece.triangle_range is None else piece.triangle_range[1])
+            if portion and drawn + count > triangle_count:
+                yield portion
+                portion, drawn = [], 0
+            portion.append(piece)
+            drawn += count
+    if portion:
+        yield portion
+
+
+def _pieces(draw: Draw, triangle_count: int) -> Iterator[Draw]:
+    """Of `draws`: some of its instances each, or a range of the triangles of one."""
+    own_count, first_instance = draw.mesh.triangle_count, draw.constants["first_instance"]
+    at_once = max(triangle_count // max(own_count, 1), 1)
+    for k in range(0, draw.instance_count, at_once):
+        constants = {"first_instance": first_instance + k, "first_triangle": 0}
+        if own_count <= triangle_count:
+            yield replace(draw, instance_count=min(at_once, draw.instance_count - k), constants=constants)
+            continue
+        for first in range(0, own_count, triangle_count):
+            triangle_range = first, min(triangle_count, own_count - first)
+            yield Draw(draw.mesh, 1, {**constants, "first_triangle": first}, draw.cull_back_faces, triangle_range)
 
 
 class WorkTable:
