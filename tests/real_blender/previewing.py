@@ -12,7 +12,9 @@ def blender_side(name: str):
 
 
 def is_rendering() -> bool:
-    return any(operator.bl_idname == "VIR_OT_render" for operator in bpy.context.window_manager.windows[0].modal_operators)
+    # Blender keeps a place for one whose class is gone until the window gets its next event
+    running = filter(None, bpy.context.window_manager.windows[0].modal_operators)
+    return any(operator.bl_idname == "VIR_OT_render" for operator in running)
 
 
 def passes() -> list[str]:
