@@ -97,7 +97,8 @@ def error_of_checkered_card(device, method, name, **settings):
 @pytest.mark.parametrize("method", [Method.MICRO, pytest.param(Method.MVR, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", LIGHTS)
 def test_checkered_card(device, method, name):
-    assert error_of_checkered_card(device, method, name, view_count=128, map_resolution_px=512) <= 0.01
+    """With 128 views the sun's samples alone are .009 to .013 off, by where the texels happen to lie."""
+    assert error_of_checkered_card(device, method, name, view_count=256, map_resolution_px=512) <= 0.01
 
 
 @pytest.mark.slow
