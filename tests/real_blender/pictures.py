@@ -28,8 +28,10 @@ PICTURES = {
 """name -> screenshot, its part (left, top, right, bottom) in pixels, width in the manual"""
 COLOUR_COUNT = 96
 MOST_COLOUR_COUNT = 256
-COLOURFUL = ("panel", "preview_reflections", "shadows_without", "shadows_with", "reflection_without", "reflection_pass", "reflection_with")
+COLOURFUL = ("panel", "shadows_without", "shadows_with", "reflection_without", "reflection_pass", "reflection_with")
 """where colours are what a picture shows"""
+SMOOTH = ("preview_reflections",)
+"""kept as they are: few colours would put bands into penumbrae"""
 
 
 def main(folder: Path) -> None:
@@ -43,7 +45,8 @@ def main(folder: Path) -> None:
             if name in COLOURFUL
             else {"colors": COLOUR_COUNT}
         )
-        picture = picture.quantize(**way)
+        if name not in SMOOTH:
+            picture = picture.quantize(**way)
         picture.save(target, optimize=True)
         print(f"{target}: {target.stat().st_size >> 10} KiB")
 
