@@ -80,7 +80,7 @@ class StageTimes(Stopwatch):
 
     def __init__(self, device: Device) -> None:
         super().__init__(device)
-        self.stages: list[tuple[float, float]] = []
+        self.timed: list[tuple[float, float]] = []
         """milliseconds, waited and of processors"""
 
     @contextlib.contextmanager
@@ -89,7 +89,7 @@ class StageTimes(Stopwatch):
         start_s, start_cpu_s = time.perf_counter(), time.process_time()
         yield
         self.device.finish()
-        self.stages.append(((time.perf_counter() - start_s) * 1e3, (time.process_time() - start_cpu_s) * 1e3))
+        self.timed.append(((time.perf_counter() - start_s) * 1e3, (time.process_time() - start_cpu_s) * 1e3))
 
 
 class LightMaps:
@@ -120,13 +120,13 @@ class LightMaps:
         """limit_ms: give up after the first batch that ends later. batch_limit: make no more than so many batches"""
         stopwatch = StageTimes(self.device)
         with self.prepared(variant, stopwatch) as (work, store):
-            prepared = np.sum(stopwatch.stages, axis=0)
+            prepared = np.sum(stopwatch.timed, axis=0)
             all_batches = min(variant.plan.batch_count, variant.planned.view_count)
             batches = range(all_batches if batch_limit is None else min(batch_limit, all_batches))
             for batch in batches:
                 with stopwatch.stage("splat or raster"):
                     fill(work, store, batch)
-                spent = np.sum(stopwatch.stages, axis=0)
+                spent = np.sum(stopwatch.timed, axis=0)
                 if spent[0] > limit_ms:
                     break
             methods = [method for _, _, method in work.mapped if method is not None]

@@ -286,8 +286,8 @@ def test_the_eye_is_rasterized_as_often_as_predicted(device, monkeypatch, sample
     margin_px = 2
     texels = samples_per_px**2 * (WIDTH + 2 * margin_px) * (HEIGHT + 2 * margin_px)
     monkeypatch.setattr(eye, "MAX_VISIBILITY_TEXELS", texels)
-    rasterized, rasterize = [], eye.EyePass._rasterize
-    monkeypatch.setattr(eye.EyePass, "_rasterize", lambda *arguments: rasterized.append(arguments) or rasterize(*arguments))
+    rasterized, rasterizing = [], eye.EyePass._rasterizing
+    monkeypatch.setattr(eye.EyePass, "_rasterizing", lambda *arguments: rasterized.append(arguments) or rasterizing(*arguments))
     scene = scene_with(area_light())
     with prepared_renderer(scene, device, view_count=128, map_resolution_px=16) as renderer:
         render_batches(renderer)
