@@ -187,6 +187,7 @@ def snapshot(
     casts_shadow: Sequence[bool] | None = None,
     visible_to_camera: Sequence[bool] | None = None,
     stable_ids: Sequence[int] | None = None,
+    stays: Sequence[bool] | None = None,
     pixel_filter: PixelFilter = CENTRES_ONLY,
     materials: Sequence[Material] = (),
     world: World | None = None,
@@ -206,6 +207,7 @@ def snapshot(
         casts_shadow=flags(casts_shadow),
         stable_id=np.array([101 * (k + 1) for k in range(count)] if stable_ids is None else stable_ids, np.uint32),
         material_set=np.arange(count, dtype=np.int32) if materials else None,
+        stays=flags(stays),
     )
     ordered = tuple(sorted(lights, key=lambda light: light.name))
     return SceneSnapshot(

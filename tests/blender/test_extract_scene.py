@@ -401,3 +401,18 @@ def test_world_origin_is_within_the_scenes_size():
         position = random.normal(size=3) * 10.0 ** random.uniform(0, 7)
         origin = choose_world_origin((cube_mesh(),), np.zeros(1, dtype=np.int32), moved(*position))
         assert np.abs(origin - position).max() <= 1.0 + 1e-9
+
+
+def test_what_moves_or_deforms_is_known(add, take):
+    add.cube("Still").modifiers.new("Fine", "SUBSURF")
+    add.cube("Moved").keyframe_insert("location", frame=1)
+    add.cube("Deformed").modifiers.new("Waves", "OCEAN")
+    add.cube("Keyed").shape_key_add(name="Basis")
+    add.cube("Held").constraints.new("COPY_LOCATION")
+    add.cube("Driven").driver_add("location", 0)
+    add.cube("Carried").parent = bpy.data.objects["Moved"]
+    add.cube("Parent, still").parent = bpy.data.objects["Still"]
+    instances = take().instances
+    staying = {instances.object_names[index] for index in instances.object_index[instances.stays]}
+    assert staying == {"Still", "Parent, still"}
+    assert len(instances) == 8

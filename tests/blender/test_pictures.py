@@ -154,6 +154,32 @@ def test_scene_of_nothing_but_what_is_no_surface_is_refused(scene, add, point_cl
     assert frame_jobs(scene, 1, Settings())
 
 
+def scaled_to_nothing(add, tree):
+    thing = add.cube("Fur", scale=(0, 0, 0))
+    thing.modifiers.new("Hair", "PARTICLE_SYSTEM").particle_system.settings.type = "HAIR"
+
+
+def with_keyed_switch(add, tree):
+    add.cube("Dust").modifiers.new("Points", "NODES").node_group = tree
+    tree.nodes[1].inputs["Radius"].default_value = 0.2
+    tree.nodes[1].inputs["Radius"].keyframe_insert("default_value", frame=1)
+
+
+def that_reads_the_time(add, tree):
+    add.cube("Dust").modifiers.new("Points", "NODES").node_group = tree
+    group = bpy.data.node_groups.new("Within", "GeometryNodeTree")
+    group.nodes.new("GeometryNodeInputSceneTime")
+    tree.nodes.new("GeometryNodeGroup").node_tree = group
+
+
+@pytest.mark.parametrize("put", [scaled_to_nothing, with_keyed_switch, that_reads_the_time])
+def test_what_may_be_a_surface_in_another_frame_does_not_stop_a_range(scene, add, point_cloud_nodes, put):
+    add.light("Key", location=(0, 0, 5))
+    put(add, point_cloud_nodes)
+    (job,) = frame_jobs(scene, 1, Settings()).values()
+    assert not len(job.snapshot.instances)
+
+
 def hide(thing):
     thing.hide_render = True
 

@@ -161,6 +161,21 @@ def test_lattice_stays_when_an_object_moves(device):
     assert np.abs(largest - still - np.round(largest - still)).max() > 1e-3
 
 
+def test_lattice_stays_when_the_largest_object_grows(device):
+    """If it is known not to stay; the others hold it."""
+    light, views = sun_light(eye=(1.0, 0.5, 2.0)), []
+    for width_m in (4.0, 4.1):
+        occluder = rectangle("half plane", (-1, -1, EDGE_HEIGHT_M), (1, 0, 0), (0, 2, 0))
+        sea = rectangle("sea", (-2.0, -2.0, -0.5), (width_m, 0.0, 0.0), (0.0, 4.0, 0.0))
+        camera = camera_from_above((0.0, 0.0), 1.0, WIDTH, HEIGHT)
+        scene = snapshot([sea, floor(1.5), occluder], [light], camera, WIDTH, HEIGHT, stays=[False, True, True])
+        views.append(fitted_views(scene, device))
+    one, other = views
+    assert one.texel_tangent == other.texel_tangent
+    apart = lattice_places(one) - lattice_places(other)
+    np.testing.assert_allclose(apart, np.round(apart), atol=1e-6)
+
+
 def test_what_is_stored_of_a_lattice_far_away_is_small(device):
     """A place of the picture a kilometre from the largest object is as sharp as one beside it."""
     light = sun_light(eye=(1.0, 0.5, 2.0), angle_rad=0.3)

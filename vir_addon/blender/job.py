@@ -21,6 +21,8 @@ from .render_depsgraph import with_render_depsgraph
 
 SURFACE_TYPES = frozenset({"MESH", "CURVE", "SURFACE", "FONT", "META"})
 """types of objects that Blender evaluates to meshes"""
+TIME_NODES = frozenset({"GeometryNodeInputSceneTime", "GeometryNodeSimulationInput"})
+"""of geometry, by which frames differ"""
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,8 @@ def frame_jobs(
 ) -> dict[str, LayerJob]:
     """View layer name -> job, for one frame. frame: None as the scene stands, which is then left as it is
 
-    Raises SceneError for a scene that has no surface in any frame. A frame, or a view layer, that shows none gets white passes: things
-    are hidden and scaled to nothing by animation, and a layer of its own for smoke is common.
+    Raises SceneError for a scene that has no surface in any frame, as far as can be told. A frame, or a view layer, that shows none gets
+    white passes: things are hidden and scaled to nothing by animation, and a layer of its own for smoke is common.
     """
     if frame is not None:
         scene.frame_set(frame)
@@ -99,12 +101,13 @@ def replanned(jobs: Mapping[str, LayerJob], settings: Settings) -> dict[str, Lay
 
 
 def _has_surface_objects(objects: Iterable[bpy.types.Object], without: Collection[str]) -> bool:
-    """Whether any object but those with these names could show a surface in some frame, hidden ones and those of instanced collections
-    included."""
+    """Whether any object could show a surface in some frame, hidden ones and those of instanced collections included. without: names of
+    those that show something else in this one"""
     pending, seen = list(objects), set()
     while pending:
         candidate = pending.pop()
-        if candidate.type in SURFACE_TYPES and candidate.name not in without and not _stays_without_faces(candidate):
+        is_other_now = candidate.name in without or _stays_without_faces(candidate)
+        if candidate.type in SURFACE_TYPES and (not is_other_now or _may_become_other(candidate)):
             return True
         instanced = candidate.instance_collection
         if instanced is not None and instanced.session_uid not in seen:
@@ -117,6 +120,31 @@ def _stays_without_faces(candidate: bpy.types.Object) -> bool:
     """A mesh of points or edges, or of nothing, that no modifier makes anything of."""
     data = candidate.data
     return candidate.type == "MESH" and not (candidate.modifiers or data.is_editmode or len(data.polygons))
+
+
+def _may_become_other(candidate: bpy.types.Object) -> bool:
+    """Whether what an object shows may be another kind of thing in another frame: it, its data or its nodes are animated or read the time,
+    or it is built."""
+    animated = [candidate, candidate.data, getattr(candidate.data, "shape_keys", None)]
+    if any(part is not None and part.animation_data is not None for part in animated):
+        return True
+    kinds = {modifier.type for modifier in candidate.modifiers}
+    trees = [modifier.node_group for modifier in candidate.modifiers if modifier.type == "NODES"]
+    return not kinds.isdisjoint({"BUILD", "MESH_SEQUENCE_CACHE"}) or _depends_on_time(trees)
+
+
+def _depends_on_time(trees: list[bpy.types.NodeTree | None]) -> bool:
+    """Or some group within does."""
+    pending, seen = list(trees), set()
+    while pending:
+        tree = pending.pop()
+        if tree is None or tree.session_uid in seen:
+            continue
+        seen.add(tree.session_uid)
+        if tree.animation_data is not None or any(node.bl_idname in TIME_NODES for node in tree.nodes):
+            return True
+        pending += [node.node_tree for node in tree.nodes if node.bl_idname == "GeometryNodeGroup"]
+    return False
 
 
 def run(job: LayerJob, device: Device, on_progress: Callable[[Progress], None] | None = None, on_stage: OnStage | None = None) -> PassSet:

@@ -23,8 +23,8 @@ class SceneBounds:
     corners_ws: np.ndarray
     """(instance_count, 8, 3) float64 corners of the instances' boxes"""
     yardstick_m: float
-    """diagonal of the largest instance's box: a length that grows with the scene and, unless this very object deforms, stays as it is
-    whatever moves; 1 where nothing has a size"""
+    """diagonal of a box: that of the largest instance that stays, or of the largest where none does. A length that grows with the scene
+    and is the same in other frames; 1 where nothing has a size"""
     yardstick_ws: np.ndarray
     """(3,) float64 the middle of that box"""
 
@@ -43,7 +43,9 @@ def compute_bounds(snapshot: SceneSnapshot) -> SceneBounds:
     sizes_m = np.linalg.norm(sides_m, axis=1)
     if not sizes_m.any():
         return SceneBounds(mesh_bounds_os, flat_axis, corners_ws, 1.0, np.zeros(3))
-    largest = int(np.argmax(sizes_m >= (1 - SAME_SIZE) * sizes_m.max()))
+    staying_m = sizes_m if snapshot.instances.stays is None else sizes_m * snapshot.instances.stays
+    candidates_m = staying_m if staying_m.any() else sizes_m
+    largest = int(np.argmax(candidates_m >= (1 - SAME_SIZE) * candidates_m.max()))
     return SceneBounds(mesh_bounds_os, flat_axis, corners_ws, float(sizes_m[largest]), corners_ws[largest].mean(axis=0))
 
 

@@ -267,8 +267,8 @@ def fit_sun(
     bounds: SceneBounds,
     searched_m: np.ndarray | None = None,
 ) -> FittedFace:
-    """Windows of all views of a sun: what casts, however far towards the sun, intersected with the receivers. The lattice hangs on the
-    scene's largest object, whatever depth is counted from."""
+    """Windows of all views of a sun: what casts, however far towards the sun, intersected with the receivers. The lattice hangs on
+    `SceneBounds.yardstick_ws`, whatever depth is counted from."""
     axes, limits = light_axes(light), (-np.inf, np.inf, -np.inf, np.inf)
     face = Face("sun", 0, axes, limits)
     points, corners = ((places_ws - bounds.yardstick_ws) @ axes.T for places_ws in (receivers.points_ws, casters.corners_ws))

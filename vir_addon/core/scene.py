@@ -104,7 +104,7 @@ class Mesh:
 
     @functools.cached_property
     def flat_triangle_count(self) -> int:
-        """Triangles without area, as single precision has it: no picture shows them. Takes 7 to 15 ms a million."""
+        """Triangles without area, as single precision has it: no picture shows them. Takes 10 ms a million, 28 where all are upright."""
         axes = np.ascontiguousarray(self.positions_os.T)  # one axis at a time is twice as fast as rows of three
         count = 0
         for start in range(0, self.triangle_count, _BLOCK):
@@ -143,6 +143,8 @@ class Instances:
     reflector_mark: np.ndarray | None = None
     """(instance_count,) int8 what the artist asks for (custom property `vir_reflector`): 1 a reflector, 0 none, -1 what the material
     calls for; None: a snapshot without materials"""
+    stays: np.ndarray | None = None
+    """(instance_count,) bool: nothing moves or deforms it in other frames, as far as can be told beforehand; None: not known of any"""
 
     def __len__(self) -> int:
         return len(self.mesh_index)

@@ -47,6 +47,8 @@ class ObjectFacts:
     is_holdout: bool
     is_indirect_only: bool
     hide_render: bool
+    stays: bool
+    """as in `Instances.stays`"""
 
 
 class ObjectTable:
@@ -88,7 +90,52 @@ class ObjectTable:
             is_holdout=is_holdout,
             is_indirect_only=not is_holdout and evaluated.indirect_only_get(view_layer=self.view_layer),
             hide_render=evaluated.hide_render or original.session_uid in self._hidden_uids,
+            stays=_stays(original),
         )
+
+
+_STEADY_MODIFIERS = frozenset(
+    (
+        "ARRAY",
+        "BEVEL",
+        "DECIMATE",
+        "DISPLACE",
+        "EDGE_SPLIT",
+        "MASK",
+        "MIRROR",
+        "MULTIRES",
+        "NORMAL_EDIT",
+        "REMESH",
+        "SCREW",
+        "SOLIDIFY",
+        "SUBSURF",
+        "TRIANGULATE",
+        "WEIGHTED_NORMAL",
+        "WELD",
+        "WIREFRAME",
+    )
+)
+"""They make the same of the same mesh in every frame, unless animation changes their settings."""
+
+
+def _stays(original: bpy.types.Object) -> bool:
+    """Whether nothing in the settings of an object, or of what carries it, moves or deforms it: no animation, constraints, physics or
+    modifiers that do."""
+    carrier: bpy.types.Object | None = original
+    while carrier is not None:
+        data = carrier.data
+        physics = carrier.rigid_body
+        if (
+            carrier.animation_data is not None
+            or len(carrier.constraints)
+            or (physics is not None and (physics.type == "ACTIVE" or physics.kinematic))
+            or (data is not None and data.animation_data is not None)
+            or getattr(data, "shape_keys", None) is not None
+            or any(modifier.type not in _STEADY_MODIFIERS for modifier in carrier.modifiers)
+        ):
+            return False
+        carrier = carrier.parent
+    return True
 
 
 @dataclass
@@ -280,6 +327,7 @@ class SurfaceRows:
         camera = np.array([fact.visible_to_camera for fact in facts], dtype=bool)
         shadow = np.array([fact.visible_to_shadow for fact in facts], dtype=bool)
         is_indirect_only = np.array([fact.is_indirect_only for fact in facts], dtype=bool)
+        stays = np.array([fact.stays for fact in facts], dtype=bool)
         instances = Instances(
             mesh_index=mesh_index,
             world_from_object=world_from_object.astype(np.float32),
@@ -288,6 +336,7 @@ class SurfaceRows:
             visible_to_camera=camera[object_row] & camera[instancer_row] & ~is_indirect_only[instancer_row] & is_visible[order],
             casts_shadow=shadow[object_row] & shadow[instancer_row] & casts[order],
             stable_id=_stable_ids(facts, object_row, instancer_row, persistent_ids[order]),
+            stays=stays[object_row] & stays[instancer_row],
             **self._of_reflections(object_row, instancer_row, order, is_visible),
         )
         return PlacedInstances(

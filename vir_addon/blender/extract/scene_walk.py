@@ -128,7 +128,7 @@ class SceneWalk:
         if is_outside and kind != "LIGHT":
             return
         if is_surface and item.show_particles and len(shown.particle_systems):
-            self.left_out += _hair(shown)
+            self.left_out += _hair(shown, is_all=not item.show_self)
         if not item.show_self:
             return
         if is_surface:
@@ -143,12 +143,13 @@ class SceneWalk:
             (self._lights.outside if is_outside else self._lights.shown).append(read_light(item))
 
 
-def _hair(shown: bpy.types.Object) -> list[LeftOut]:
+def _hair(shown: bpy.types.Object, is_all: bool) -> list[LeftOut]:
+    """is_all: the object that it grows on is not shown"""
     return [
         LeftOut(
             shown.name,
             f"the hair of its particle system '{modifier.particle_system.name}' is not a surface that VIR can render yet",
-            is_never_surface=True,
+            is_never_surface=is_all,
         )
         for modifier in shown.modifiers
         if modifier.type == "PARTICLE_SYSTEM"
