@@ -55,6 +55,20 @@ def test_far_from_the_origin_is_the_same_picture(still_life, device, method):
         assert np.abs(far[name] - image).max() <= 1 / 255, name
 
 
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+def test_mirrored_camera_sees_the_mirrored_picture(still_life, device, kind):
+    """With all of the scene within it. Without a filter: its offsets are not those of a mirrored pixel."""
+    still_life.objects["Floor"].scale = (0.25, 0.25, 1.0)
+    still_life.render.filter_size = 0.0
+    still_life.camera.data.type, still_life.camera.data.ortho_scale = kind, 6.0
+    upright = passes_of(still_life, device)
+    still_life.camera.scale.x = -1.0
+    mirrored = passes_of(still_life, device)
+    for name, image in upright.items():
+        assert image.std() > 0.05
+        np.testing.assert_allclose(mirrored[name][:, ::-1], image, atol=1e-6)
+
+
 @pytest.mark.parametrize(("factor", "shift_m"), [(1, (100_003, -99_997, 100_001)), (1000, FAR_M), (1000, (0, 0, 0)), (1e-3, (0, 0, 0))])
 @pytest.mark.parametrize("kind", ["SUN", "AREA"])
 def test_in_another_unit_and_far_away_is_the_same_picture(still_life, add, device, factor, shift_m, kind):

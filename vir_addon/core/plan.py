@@ -540,7 +540,8 @@ def _may_be_in_picture(camera: Camera, corners_ws: np.ndarray) -> np.ndarray:
     """(instance_count,) bool: boxes that are not wholly outside one side of the camera's view."""
     view_from_world = np.linalg.inv(camera.world_from_view)
     p = corners_ws @ view_from_world[:3, :3].T + view_from_world[:3, 3]
-    left, right, bottom, top = camera.window
+    # mirrored cameras have them the other way round
+    (left, right), (bottom, top) = sorted(camera.window[:2]), sorted(camera.window[2:])
     depth = -p[..., 2]
     scale = np.ones_like(depth) if camera.is_orthographic else depth
     y = p[..., 1] - camera.skew * p[..., 0]

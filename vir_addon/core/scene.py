@@ -244,11 +244,17 @@ class Camera:
     """(4, 4) float64, rigid, after the origin's shift"""
     window: tuple[float, float, float, float]
     """left, right, bottom, top: of the plane at distance 1 m (perspective, tangents) or in metres (orthographic);
-    left > right for a mirrored camera"""
+    left > right, or bottom > top, for a mirrored camera"""
     clip_start_m: float
     clip_end_m: float
     skew: float = 0.0
     """of a sheared camera: by how much higher the window is for each unit of x, so that it is a parallelogram"""
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether pictures have left and right swapped: mirrored along both axes they are turned."""
+        left, right, bottom, top = self.window
+        return (left > right) != (bottom > top)
 
 
 class FilterShape(enum.Enum):

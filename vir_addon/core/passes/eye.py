@@ -140,9 +140,11 @@ class EyePass(Shared):
         self.rasterize = device.raster_kernel(VISIBILITY)
         self.surface_declaration = SURFACE_WITH_TRIANGLES if with_triangles else SURFACE
         self.surface = device.compute_kernel(self.surface_declaration)
-        # an orthographic camera sees from infinitely far away, as far as culling can tell: everything is drawn
+        # An orthographic camera sees from infinitely far away, as far as culling can tell, and in a mirrored picture front faces are wound
+        # like back faces: everything is drawn.
         eye_ws = snapshot.camera.world_from_view[None, :3, 3]
-        culled = None if snapshot.camera.is_orthographic else cullable_instances(snapshot, bounds, eye_ws)
+        draws_all = snapshot.camera.is_orthographic or snapshot.camera.is_mirrored
+        culled = None if draws_all else cullable_instances(snapshot, bounds, eye_ws)
         visible = snapshot.instances.visible_to_camera
         self.draws = scene_data.draws(np.flatnonzero(visible & ~scene_data.cut_out), culled)
         self.cut_out_draws = scene_data.draws(np.flatnonzero(visible & scene_data.cut_out))
