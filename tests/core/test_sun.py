@@ -186,3 +186,16 @@ def test_what_is_stored_of_a_lattice_far_away_is_small(device):
     assert np.abs(views.window_texels).max() < LATTICE_STRIDE
     assert np.abs(views.centers_fs[:, :2] / views.texel_tangent).max() <= 0.5
     assert max(views.texel_tangent) < 4 / views.map_width_px
+
+
+def test_views_without_casters_do_not_stretch_the_lattice(device):
+    """What shadows the picture's edge alone is not seen by all views: those without it would have theirs beside the largest object."""
+    light = sun_light(eye=(1.0, 0.5, 2.0), angle_rad=0.3)
+    ground = rectangle("ground", (-1.0, -1.0, 0.0), (2000.0, 0.0, 0.0), (0.0, 2000.0, 0.0))
+    occluder = box("at the edge", (0.37, 0.15, 0.18), (0.02, 0.02, 0.02))
+    scene = snapshot([ground, occluder], [light], camera_from_above((0.0, 0.0), 0.4, WIDTH, 54), WIDTH, 54)
+    with prepared_renderer(scene, device, method=Method.MVR, view_count=64, map_resolution_px=256) as renderer:
+        fitted = renderer.works[0].faces[0][0]
+    assert 0.1 < (~fitted.seen_by_view.any(axis=1)).mean() < 0.9
+    assert np.abs(fitted.views.window_texels).max() < LATTICE_STRIDE
+    assert max(fitted.views.texel_tangent) * fitted.views.map_width_px < 0.4, "wider than the picture"

@@ -294,13 +294,16 @@ def fit_sun(
     if not needed.any():
         return _face_without_casters(face, light, np.zeros_like(samples_m), samples_m, NEAR_SHARE_OF_FAR, 1.0)
     windows = np.stack(found, axis=1) if exact else np.tile(_union(np.stack(found, axis=1))[:, None], len(samples_m))
-    windows[:, _is_empty(windows)] = 0
     first = float(deepest_first[needed].min())
     depth_m = max(farthest - first, LEAST_WIDTH * bounds.yardstick_m) * (1 + min(receivers.margin, 1.0))
     near_m = float(NEAR_SHARE_OF_FAR * depth_m)
     start = first - 2 * near_m
     # moving the origin along the axis moves a sheared view: its centre moves back by as much
     centers_fs = samples_m * start
+    # a view without casters looks where another does: wherever else that is, the lattice would have to reach there
+    empty = _is_empty(windows)
+    sides = centers_fs[:, [0, 0, 1, 1]].T
+    windows[:, empty] = (windows + sides)[[0, 0, 2, 2]][:, ~empty][:, :1] - sides[:, empty]
     far_m, origin_ws = depth_m + 3 * near_m, bounds.yardstick_ws + start * axes[2]
     unit_m = bounds.yardstick_m
     views = fit_windows(face, centers_fs, samples_m, windows.T, resolution_px, near_m, far_m, origin_ws, shear_depth_m=depth_m, unit=unit_m)
