@@ -9,10 +9,34 @@ bpy = pytest.importorskip("bpy")
 
 from mathutils import Matrix  # noqa: E402  (bpy decides whether this file runs)
 
+from vir_addon.blender.extract.lights import LightRow, place_light  # noqa: E402
 from vir_addon.core.errors import SceneError  # noqa: E402
 from vir_addon.core.plan import plan  # noqa: E402
+from vir_addon.core.sampling import light_samples  # noqa: E402
 from vir_addon.core.scene import LightShape  # noqa: E402
 from vir_addon.core.settings import Settings  # noqa: E402
+from vir_addon.core.views import light_axes  # noqa: E402
+
+
+def ellipse_row(world_from_object, size_x_m, size_y_m):
+    return LightRow(
+        object_name="Key",
+        instancer_name=None,
+        persistent_id=(),
+        world_from_object=world_from_object,
+        object_uid=1,
+        shape=LightShape.ELLIPSE,
+        size_x_m=size_x_m,
+        size_y_m=size_y_m,
+        spread_rad=math.pi,
+        strength_rgb=np.ones(3),
+        casts_shadow=True,
+        has_soft_falloff=False,
+        cone_rad=2 * math.pi,
+        cone_blend=0.0,
+        is_wanted=True,
+        own_view_count=None,
+    )
 
 
 def only_light(taken):
@@ -86,6 +110,42 @@ def test_sheared_ellipse_is_an_ellipse_along_other_axes(add, take):
     rim = np.stack([light.size_x_m / 2 * np.cos(angle), light.size_y_m / 2 * np.sin(angle), 0 * angle, 1 + 0 * angle])
     x, y, z, _ = np.linalg.inv(np.array(key.matrix_world, np.float64)) @ light.world_from_light @ rim
     assert np.allclose((x / 1.0) ** 2 + (y / 0.375) ** 2, 1, atol=1e-5) and np.allclose(z, 0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("size_y_m", "scale", "least_cosine"),
+    [
+        (0.4, (1.0, 1.3, 0.7), 0.99),
+        (0.4, (-1.0, 1.3, 0.7), 0.99),
+        # the shear, which stays in the world, counts for more than the ellipse, which turns: x and y change places where its axes are at
+        # 45 degrees to the light's
+        (0.9, (1.0, 1.3, 0.7), -1e-3),
+    ],
+)
+def test_sheared_ellipse_turns_without_a_jump(size_y_m, scale, least_cosine):
+    """Once around in steps of half a degree: neither its places that are sampled nor its axes are elsewhere a step later."""
+    tilt = np.array(Matrix.Rotation(0.5, 3, "X"))
+    before = None
+    for angle in np.radians(np.arange(0.0, 360.5, 0.5)):
+        world_from_object = np.eye(4)
+        world_from_object[:3, :3] = np.diag(scale) @ np.array(Matrix.Rotation(angle, 3, "Z")) @ tilt
+        light = place_light(ellipse_row(world_from_object, 1.0, size_y_m), "Key", np.zeros(3))
+        x, samples = light.world_from_light[:3, 0], light_samples(light, 64) @ light_axes(light)
+        if before is not None:
+            assert x @ before[0] > least_cosine, np.degrees(angle)
+            assert np.linalg.norm(samples - before[1], axis=1).max() < 0.02, np.degrees(angle)
+        before = x, samples
+
+
+@pytest.mark.parametrize("scale_x", [1.0, -1.0])
+def test_samples_of_a_sheared_ellipse_are_those_of_its_disc(scale_x):
+    """Where the light's matrix takes them: lights that are hardly sheared and taken without it have the same ones."""
+    straight, sheared = np.diag([scale_x, 1.0, 1.0, 1.0]), np.diag([scale_x, 1.0, 1.0, 1.0])
+    sheared[:2, :2] = [[0.9 * scale_x, 0.7], [-0.2 * scale_x, 1.1]]
+    unit, moved = (place_light(ellipse_row(matrix, 1.0, 0.75), "Key", np.zeros(3)) for matrix in (straight, sheared))
+    unit_ws, moved_ws = (light_samples(light, 64) @ light_axes(light) for light in (unit, moved))
+    assert moved.disc_turn_rad != 0
+    np.testing.assert_allclose(moved_ws, unit_ws @ (sheared @ np.linalg.inv(straight))[:3, :3].T, atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["POINT", "SPOT", "SUN"])

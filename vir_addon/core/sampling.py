@@ -98,7 +98,10 @@ def light_samples(light: Light, count: int) -> np.ndarray:
     if light.shape is LightShape.SUN:
         samples_m[:, :2] = _sun_offsets(light, points)
         return samples_m
-    unit = square_to_disk(points) / 2 if light.shape is LightShape.ELLIPSE else points - 0.5
+    unit = points - 0.5
+    if light.shape is LightShape.ELLIPSE:
+        cosine, sine = math.cos(light.disc_turn_rad), math.sin(light.disc_turn_rad)
+        unit = square_to_disk(points) / 2 @ np.array([[cosine, sine], [-sine, cosine]])
     samples_m[:, :2] = unit * [light.size_x_m, light.size_y_m]
     return samples_m
 

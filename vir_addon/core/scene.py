@@ -200,6 +200,9 @@ class Light:
     """share of the cone, counted in the cosine of the angle to the axis, over which a spot fades"""
     cone_scale: tuple[float, float] = (1.0, 1.0)
     """factors by which a spot's cone is wider along x and y: the object's scale there over that along z"""
+    disc_turn_rad: float = 0.0
+    """of ellipses: by how much the disc is turned that they are made of by the sizes. It is the same light, but its samples lie elsewhere:
+    those of a sheared ellipse stay where they are on it, whichever of its axes is x"""
     strength_rgb: Rgb | None = None
     """`strength` of the red, green and blue channel, whose luminance it is; None: `strength` in each"""
     is_wanted: bool = True

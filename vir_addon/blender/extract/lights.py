@@ -158,8 +158,9 @@ def place_light(row: LightRow, name: str, world_origin_m: np.ndarray) -> Light:
     # The radius of points, spots and suns is not scaled with the object in Blender.
     scale_x, scale_y = (width_factor, height_factor) if row.shape.is_area else (1.0, 1.0)
     size_x_m, size_y_m = row.size_x_m * scale_x, row.size_y_m * scale_y
+    disc_turn_rad = 0.0
     if row.shape is LightShape.ELLIPSE and _is_sheared(row):
-        world_from_light[:3, :3], size_x_m, size_y_m = _principal_axes(axes, row)
+        world_from_light[:3, :3], size_x_m, size_y_m, disc_turn_rad = _principal_axes(axes, row)
     return Light(
         name=name,
         shape=row.shape,
@@ -174,6 +175,7 @@ def place_light(row: LightRow, name: str, world_origin_m: np.ndarray) -> Light:
         cone_rad=row.cone_rad,
         cone_blend=row.cone_blend,
         cone_scale=_cone_scale(row),
+        disc_turn_rad=disc_turn_rad,
         is_wanted=row.is_wanted,
         own_view_count=row.own_view_count,
     )
@@ -193,12 +195,22 @@ def _is_sheared(row: LightRow) -> bool:
     return shear_of(row.world_from_object[:3, :2]) > _LARGEST_SHEAR
 
 
-def _principal_axes(axes: np.ndarray, row: LightRow) -> tuple[np.ndarray, float, float]:
-    """(3, 3) axes of a light, in the plane of these, along which a sheared ellipse is longest and shortest, and how long it is there."""
+def _principal_axes(axes: np.ndarray, row: LightRow) -> tuple[np.ndarray, float, float, float]:
+    """(3, 3) axes of a light, in the plane of these, along which a sheared ellipse is longest and shortest, how long it is there, and how
+    far its samples turn (`Light.disc_turn_rad`).
+
+    Its x axis is the one nearest to that of the light: which of them is longest, and which end of it is which, may change between two
+    frames. Where the shear turns an ellipse by more than 45 degrees the nearest is the next one; samples stay where they are.
+    """
     diameters = axes[:, :2].T @ row.world_from_object[:3, :2] * [row.size_x_m, row.size_y_m]
-    directions, lengths, _ = np.linalg.svd(diameters)
-    x, z = axes[:, :2] @ directions[:, 0], axes[:, 2]
-    return np.stack([x, np.cross(z, x), z], axis=1), float(lengths[0]), float(lengths[1])
+    # a mirrored light has its samples where it would have them without shear: along its own axes, which are not mirrored
+    diameters[:, 1] *= -1.0 if np.linalg.det(diameters) < 0.0 else 1.0
+    directions, lengths, turned = np.linalg.svd(diameters)
+    along, across = (0, 1) if abs(directions[0, 0]) >= abs(directions[0, 1]) else (1, 0)
+    sign = math.copysign(1.0, directions[0, along])
+    x, z = axes[:, :2] @ directions[:, along] * sign, axes[:, 2]
+    turn_rad = math.atan2(-sign * turned[along, 1], sign * turned[along, 0])
+    return np.stack([x, np.cross(z, x), z], axis=1), float(lengths[along]), float(lengths[across]), turn_rad
 
 
 def _cone_scale(row: LightRow) -> tuple[float, float]:
