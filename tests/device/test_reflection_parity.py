@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 
 from tests.scenes import box, bumpy_sphere, floor, matte, mirror, perspective_camera, point_light, render_batches, render_passes, snapshot
+from vir_addon.core.bounds import compute_bounds
 from vir_addon.core.material import World
 from vir_addon.core.material_program import LUMINANCE
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
 from vir_addon.core.passes import eye
+from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.plan import plan
 from vir_addon.core.render import Renderer
 from vir_addon.core.settings import Effect, ReflectionMethod, Settings
+from vir_addon.device.owned import Owned
 
 
 @pytest.mark.parametrize("method", [ReflectionMethod.MVR, ReflectionMethod.IVIR, ReflectionMethod.EPR])
@@ -37,9 +40,8 @@ def test_reflections_are_the_same_on_both_devices(both, method):
         assert differs.mean() < 0.005
 
 
-@pytest.mark.parametrize("triangles_at_once", [1, 7, 300])
-def test_the_eye_rasterizes_in_portions_what_it_does_at_once(device, monkeypatch, triangles_at_once):
-    """Which triangles of which instances pixels see: ranges of a mesh, some of its instances, several meshes."""
+def several_meshes():
+    """A floor, a mirror ball and four boxes of one mesh."""
     camera = perspective_camera((0.5, -3.0, 1.6), (0, 0, 0.7), 64, 36, 0.6)
     meshes = [floor(4.0), bumpy_sphere("ball", (0, 0, 0.8), 0.7, 12), box("box", (0.3, -1.4, 0.3), (0.3, 0.3, 0.3))]
     materials = [matte((0.1, 0.1, 0.1)), mirror(), matte((0.9, 0.9, 0.9))]
@@ -48,7 +50,13 @@ def test_the_eye_rasterizes_in_portions_what_it_does_at_once(device, monkeypatch
     moves[2:, 0, 3] = -1.5, -0.5, 0.5, 1.0
     rows = {name: values[mesh_index] for name, values in vars(scene.instances).items() if isinstance(values, np.ndarray)}
     instances = dataclasses.replace(scene.instances, **rows)
-    scene = dataclasses.replace(scene, instances=dataclasses.replace(instances, world_from_object=moves @ instances.world_from_object))
+    return dataclasses.replace(scene, instances=dataclasses.replace(instances, world_from_object=moves @ instances.world_from_object))
+
+
+@pytest.mark.parametrize("triangles_at_once", [1, 7, 300])
+def test_the_eye_rasterizes_in_portions_what_it_does_at_once(device, monkeypatch, triangles_at_once):
+    """Which triangles of which instances pixels see: ranges of a mesh, some of its instances, several meshes."""
+    scene = several_meshes()
     settings = Settings(effects=(Effect.REFLECTION,), reflection_sample_count=4, bounces=1)
 
     def seen() -> list[np.ndarray]:
@@ -58,9 +66,40 @@ def test_the_eye_rasterizes_in_portions_what_it_does_at_once(device, monkeypatch
 
     whole = seen()
     assert {0, 1, 2, 3, 4, 5} <= set(whole[0][..., 3].ravel().tolist()) and whole[2][..., 0].max() > 200
-    monkeypatch.setattr(eye, "TRIANGLES_AT_ONCE", triangles_at_once)
+    monkeypatch.setattr(eye, "TRIANGLES_A_PORTION", triangles_at_once)
     for image, expected in zip(seen(), whole, strict=True):
         np.testing.assert_array_equal(image, expected)
+
+
+@pytest.mark.parametrize("is_software", [False, True])
+def test_software_rasterizers_pause_between_portions_of_the_eyes_triangles(device, monkeypatch, is_software):
+    """Of no more triangles each than they may draw at once; which these are does not change from one rasterization to the next."""
+    scene = several_meshes()
+    count = sum(len(scene.meshes[index].triangles) for index in scene.instances.mesh_index)
+    monkeypatch.setattr(device, "is_software", is_software)
+    monkeypatch.setattr(eye, "TRIANGLES_A_PORTION", 100)
+    monkeypatch.setattr(eye, "MAX_VISIBILITY_TEXELS", 0)  # one rasterization an offset
+    with Owned() as owned:
+        scene_data = owned.own(SceneData(scene, device))
+        eye_pass = owned.own(eye.EyePass(scene_data, compute_bounds(scene), np.zeros((2, 2))))
+        rasterize, drawn = eye_pass.rasterize.draw, []
+        monkeypatch.setattr(
+            eye_pass.rasterize,
+            "draw",
+            lambda target, viewport, draws, **rest: drawn.append(draws) or rasterize(target, viewport, draws, **rest),
+        )
+        pauses = [sum(1 for _ in eye_pass.rendering([index], batch=0)) for index in (0, 1)]
+    sizes = [
+        sum(draw.instance_count * (draw.triangle_range[1] if draw.triangle_range else draw.mesh.triangle_count) for draw in draws)
+        for draws in drawn
+    ]
+    # one pause more than between portions: before the surface is told from what is visible
+    assert pauses == 2 * [len(drawn) // 2] and sum(sizes) == 2 * count
+    if is_software:
+        assert len(drawn) // 2 >= count // 100 >= 3 and max(sizes) <= 100
+    else:
+        assert len(drawn) == 2
+    assert all(now is before for now, before in zip(drawn[len(drawn) // 2 :], drawn, strict=False))
 
 
 def test_the_error_estimate_is_that_of_the_sums(device):

@@ -27,8 +27,8 @@ MAX_SAMPLES_PER_PX = 6
 """visibility samples along a pixel's side: as many as there are offsets, or as MAX_VISIBILITY_TEXELS allows"""
 MAX_VISIBILITY_TEXELS = 1 << 25
 """400 MiB of visibility and depth"""
-TRIANGLES_AT_ONCE = 1 << 18
-"""that are rasterized without a pause: .03 to .06 s of a software rasterizer's time"""
+TRIANGLES_A_PORTION = 1 << 18
+"""that a software rasterizer draws without a pause: .03 to .06 s of its time"""
 
 VISIBILITY = RasterDeclaration(
     name="visibility",
@@ -146,7 +146,9 @@ class EyePass(Shared):
         draws_all = snapshot.camera.is_orthographic or snapshot.camera.is_mirrored
         culled = None if draws_all else cullable_instances(snapshot, bounds, eye_ws)
         visible = snapshot.instances.visible_to_camera
-        self.draws = scene_data.draws(np.flatnonzero(visible & ~scene_data.cut_out), culled)
+        draws = scene_data.draws(np.flatnonzero(visible & ~scene_data.cut_out), culled)
+        self.portions = list(portions(draws, TRIANGLES_A_PORTION)) if device.is_software else [draws]
+        """what is rasterized without a pause"""
         self.cut_out_draws = scene_data.draws(np.flatnonzero(visible & scene_data.cut_out))
         with Owned() as owned:
             self.visibility = owned.own(device.create_texture(*self._visibility_size, TextureFormat.RG32UI))
@@ -248,7 +250,7 @@ class EyePass(Shared):
         viewport = (0, 0, *self._visibility_size)
         clip_from_world = scale @ projection @ np.linalg.inv(self.camera.world_from_view)
         bindings = {"clip_from_world": clip_from_world, "instances": self.scene_data.instances, "first_triangle": 0}
-        for number, draws in enumerate(portions(self.draws, TRIANGLES_AT_ONCE) if self.device.is_software else [self.draws]):
+        for number, draws in enumerate(self.portions):
             if number:
                 yield
             self.rasterize.draw(self.target, viewport, draws, **bindings)
