@@ -135,3 +135,17 @@ def test_no_stage_begins_once_nobody_waits(device):
             device.run(renderer.prepare)
         assert [stage for stage, _ in itertools.groupby(told)] == ["upload", "eye G-buffer", "read-back", "points"]
         assert told.count("points") == 1
+
+
+def test_a_batch_waits_for_the_device_around_its_stages_alone(device, monkeypatch):
+    """Once its kernels are there: one stage for the eye, one for a light's maps, one for looking the picture up in them."""
+    with contextlib.closing(
+        Renderer(still_life(), plan(still_life(), Settings(method=Method.MICRO, view_count=VIEWS)), device)
+    ) as renderer:
+        device.run(renderer.prepare)
+        for batch in (0, 1):
+            device.run(renderer.render_batch, batch)
+        waits, finish = [], device.finish
+        monkeypatch.setattr(device, "finish", lambda: waits.append(finish()))
+        device.run(renderer.render_batch, 2)
+    assert len(waits) == 2 * 3

@@ -316,19 +316,14 @@ class LightWork(Shared):
             if method is None:
                 maps = self._lent_maps()
             else:
-                with stopwatch.stage("splat or raster"):
-                    maps = method.maps_of(selected, self._lent_maps)
-                yield None
+                maps = yield from stopwatch.stages("splat or raster", self._mapping(method, selected))
             rounds = self._rounds(eye, index, maps, batch)
             if reflections is not None:
                 for hits in reflections.all_hits:
                     yield from stopwatch.stages("light reflections", self._lighting_hits(reflections, hits, index, rounds[hits.part]))
             if not self.has_pass:
                 continue
-            if turns is None:
-                with stopwatch.stage("resolve"):
-                    turns = FaceTurns(self.masks, np.array([self._tile_faces(look_up) for look_up in rounds]))
-            yield from stopwatch.stages("resolve", self._resolving(batch, eye, turns, index, rounds))
+            turns = yield from stopwatch.stages("resolve", self._resolving(batch, eye, turns, index, rounds))
         if self.has_pass and not self.faces:
             # nothing visible is reached; surfaces still have to be told from the background
             with stopwatch.stage("resolve"):
@@ -343,16 +338,24 @@ class LightWork(Shared):
         self._update_statistics()
         self.batches_done, self.is_between_batches = batch + 1, True
 
+    def _mapping(self, method: DepthMapMethod, selected: range) -> Generator[None, None, DepthMaps]:
+        yield from method.getting_ready()
+        return method.maps_of(selected, self._lent_maps)
+
     def _resolving(
-        self, batch: int, eye: EyePass, turns: FaceTurns, index: int, rounds: list[dict[str, Any]]
-    ) -> Generator[None, None, None]:
-        """Look the picture up in the maps of a face, pausing where a kernel was compiled."""
+        self, batch: int, eye: EyePass, turns: FaceTurns | None, index: int, rounds: list[dict[str, Any]]
+    ) -> Generator[None, None, FaceTurns]:
+        """Look the picture up in the maps of a face, pausing where a kernel was compiled. turns: of the batch, if they are known; they are
+        what it returns"""
+        if turns is None:
+            turns = FaceTurns(self.masks, np.array([self._tile_faces(look_up) for look_up in rounds]))
         for part, look_up in enumerate(rounds):
             if not self.accumulator.looked_up.all():
                 yield from self._compiling("PROBES")
             self._reopen_changed(batch, eye, turns, index, part, look_up)
             yield from self._compiling()
             self._resolve(part, turns.of(index, part), look_up)
+        return turns
 
     def _lent_maps(self) -> DepthMaps:
         return self.store.maps(self.largest_batch)

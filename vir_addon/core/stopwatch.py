@@ -11,7 +11,7 @@ from contextlib import closing, contextmanager
 from typing import Any
 
 from ..device.interface import Device
-from .steps import HostWork
+from .steps import HostWork, Result
 
 OnStage = Callable[[str, str | None], None]
 """called when a stage begins, with its name (`pass_set.STAGES`) and that of the light that it is for, or None; on the device's thread"""
@@ -60,14 +60,18 @@ class Stopwatch:
 
         return call
 
-    def stages(self, name: str, parts: Generator[None, None, None]) -> Generator[None, None, None]:
-        """A stage with pauses: time counts between `parts`' own."""
+    def stages(self, name: str, parts: Generator[None, None, Result]) -> Generator[None, None, Result]:
+        """A stage with pauses: time counts between `parts`' own. Returns what these do."""
         with closing(parts):
-            is_going_on = True
-            while is_going_on:
+            result: list[Result] = []
+            while not result:
                 with self.stage(name):
-                    is_going_on = next(parts, True) is None
+                    try:
+                        next(parts)
+                    except StopIteration as end:
+                        result.append(end.value)
                 yield None
+            return result[0]
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

@@ -74,6 +74,10 @@ class DepthMapMethod(abc.ABC):
         """`prepare` in steps, on the device's thread."""
         yield from ()  # most methods have nothing to prepare
 
+    def getting_ready(self) -> Generator[None, None, None]:
+        """What `maps_of` would do at once where it can be done in steps, on the device's thread."""
+        yield from ()
+
     def maps_of(self, selected: range, lend: Callable[[], DepthMaps]) -> DepthMaps:
         """The maps of the selected views, in those that are lent unless the method has its own."""
         maps = lend()

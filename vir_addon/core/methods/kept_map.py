@@ -27,6 +27,7 @@ class KeptMap(ReplayMethod):
         self._is_held = True
         try:
             yield from self._maker.preparing()
+            yield
             self._maker.fill(kept, range(1))
             self.portion_count = self._maker.portion_count
         finally:
@@ -37,6 +38,10 @@ class KeptMap(ReplayMethod):
         if self._kept is not None:
             self._kept.release()
         self._kept = None
+
+    def getting_ready(self) -> Generator[None, None, None]:
+        if not self.has_cut_outs:
+            yield from self._holding()
 
     def maps_of(self, selected: range, lend: Callable[[], DepthMaps]) -> DepthMaps:
         """Its own: none are asked for."""

@@ -132,7 +132,7 @@ class ViewWarpedSoftShadows(ReplayMethod):
         self._is_held = True
         self._plan_portions()
         self.portion_count = len(self._portions)
-        yield
+        yield from ()
 
     @property
     def held_bytes(self) -> int:
