@@ -409,3 +409,35 @@ def test_a_renamed_light_keeps_its_row_and_what_was_planned(room):
     assert frame_state.decision_text(state, state.name_of(other)) == "not planned yet"
     bpy.ops.vir.plan()
     assert (state.name_of(key), state.name_of(other)) == ("Main", "Key")
+
+
+def test_figures_of_a_render_stay_with_lights_that_are_renamed_and_planned_again(room):
+    """They are those of the pictures until another render; names may be swapped, and lights deleted."""
+    bpy.ops.vir.render()
+    key, lamp, state = bpy.data.objects["Key"], bpy.data.objects["Lamp"], frame_state.state_of(room)
+    figures = [state.made(light.name).error_estimate for light in (key, lamp)]
+    assert figures[0] != figures[1]
+
+    def swap():
+        names = key.name, lamp.name
+        key.name = "Spare"
+        lamp.name, key.name = names
+
+    for _ in range(2):
+        swap()
+        assert [state.made(state.name_of(light)).error_estimate for light in (key, lamp)] == figures
+        bpy.ops.vir.plan()
+        assert [state.name_of(light) for light in (key, lamp)] == [key.name, lamp.name]
+        assert [state.made(light.name).error_estimate for light in (key, lamp)] == figures
+    # of one that is not planned, too
+    key.hide_render = True
+    bpy.ops.vir.plan()
+    swap()
+    bpy.ops.vir.plan()
+    assert [state.made(light.name).error_estimate for light in (key, lamp)] == figures
+    name = key.name
+    bpy.data.objects.remove(key)
+    lamp.name = name
+    bpy.ops.vir.plan()
+    assert state.made(name).error_estimate == figures[1]
+    assert sum(len(layer.passes) for layer in state.statistics.values()) == 2  # with Fill

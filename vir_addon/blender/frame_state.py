@@ -6,7 +6,7 @@ Nothing of it belongs into a file; it goes when another one is opened. Reading i
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import bpy
 
@@ -25,7 +25,9 @@ class SceneState:
     reflectors: dict[str, tuple[bool, str]] = field(default_factory=dict)
     """object name -> whether it is drawn, in any view layer, and how or why not"""
     names: dict[int, str] = field(default_factory=dict)
-    """session_uid of the scene's own objects in these -> their names there; they may have been renamed since"""
+    """session_uid of the scene's own objects in these and in `statistics` -> their names there; they may have been renamed since"""
+    known_names: set[str] = field(default_factory=set)
+    """the values of `names`"""
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     """one sentence an object"""
@@ -40,7 +42,23 @@ class SceneState:
 
     def name_of(self, item: bpy.types.Object) -> str:
         """Under which one of the scene's objects is known here; empty where one that is called otherwise now has its name here."""
-        return self.names.get(item.session_uid, "" if item.name in self.names.values() else item.name)
+        name = self.names.get(item.session_uid)
+        if name is not None:
+            return name
+        return "" if item.name in self.known_names else item.name
+
+    def forget_plan(self, scene: bpy.types.Scene) -> None:
+        """What a new plan replaces. What the last render took stays, under today's names and without lights that are gone."""
+        now = {name: item.name for item in scene.objects if (name := self.names.get(item.session_uid)) is not None}
+        for layer_name, layer in self.statistics.items():
+            passes = [
+                replace(one, light_name=now.get(one.light_name, one.light_name))
+                for one in layer.passes
+                if one.light_name in now or one.light_name not in self.known_names
+            ]
+            self.statistics[layer_name] = replace(layer, passes=passes)
+        self.plans, self.reflectors, self.notes, self.left_out = {}, {}, (), ()
+        self.names, self.known_names = {}, set()
 
     def planned(self, light_name: str) -> PlannedPass | None:
         """By the first view layer that knows the light and renders it, or else says why not."""
@@ -87,7 +105,8 @@ def note_plan(scene: bpy.types.Scene, jobs: Mapping[str, LayerJob]) -> None:
     """Of all view layers."""
     state = state_of(scene)
     state.problem = ""
-    state.plans, state.reflectors, state.names, state.notes, state.left_out, state.forecasts = {}, {}, {}, (), (), {}
+    state.forget_plan(scene)
+    state.forecasts = {}
     for name, job in jobs.items():
         _add_plan(state, scene, name, job)
         state.forecasts[name] = make_forecast(job.snapshot, job.plan)
@@ -102,8 +121,11 @@ def _add_plan(state: SceneState, scene: bpy.types.Scene, layer_name: str, job: L
             runs, _ = state.reflectors.get(reflector.name, (None, ""))
             if reflector.maps or runs is None or reflector.runs > runs:
                 state.reflectors[reflector.name] = (reflector.runs, how)
-    own = (scene.objects.get(name) for name in (*state.plans[layer_name], *state.reflectors))
-    state.names |= {item.session_uid: item.name for item in own if item is not None}
+    made = (one.light_name for layer in state.statistics.values() for one in layer.passes)
+    objects = {item.name: item for item in reversed(scene.objects.values())}  # of linked ones of one name the first
+    own = {*state.plans[layer_name], *state.reflectors, *made} & objects.keys()
+    state.names |= {objects[name].session_uid: name for name in own}
+    state.known_names |= own
     state.notes = tuple(dict.fromkeys((*state.notes, *job.plan.notes)))
     state.left_out = tuple(sorted({*state.left_out, *(item.text for item in job.snapshot.left_out)}))
 
@@ -122,7 +144,8 @@ def note_layer(scene: bpy.types.Scene, job: LayerJob, passes: PassSet, render_s:
     state, layer_name = state_of(scene), job.snapshot.view_layer_name
     if is_first:
         state.problem = ""
-        state.plans, state.reflectors, state.names, state.notes, state.left_out, state.statistics = {}, {}, {}, (), (), {}
+        state.statistics = {}
+        state.forget_plan(scene)
     _add_plan(state, scene, layer_name, job)
     state.statistics[layer_name] = passes.statistics
     state.frame = job.snapshot.frame
