@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vir_addon.core.fit import FittedFace
-from vir_addon.core.sampling import sample_weights
+from vir_addon.core.sampling import sample_patch_m, sample_weights
 from vir_addon.core.scene import Light, LightShape, SceneSnapshot
 
 RAYS_AT_ONCE = 4096
@@ -148,7 +148,11 @@ def delivered(light: Light, samples_ws: np.ndarray, position: np.ndarray, shadin
     if light.spread_rad < np.pi - 1e-4:
         with np.errstate(divide="ignore"):
             tangent = np.where(emitter > 0, np.sqrt(np.maximum(1 - emitter**2, 0)) / np.maximum(emitter, 1e-300), np.inf)
-        weight = weight * np.maximum(1 - tangent / np.tan(light.spread_rad / 2), 0)
+        limit = np.tan(light.spread_rad / 2)
+        # where no sample counts the nearest ones decide, if the light may have places between them that do
+        between = (tangent > limit) & ((tangent - limit) * emitter * distance <= sample_patch_m(light, len(samples_ws)))
+        faint = np.where(between, 1e-4 * (limit / np.maximum(tangent, limit)) ** 8, 0)
+        weight = weight * np.maximum(1 - tangent / limit, faint)
     return weight
 
 
