@@ -250,7 +250,7 @@ def test_the_light_that_is_shown_may_be_renamed(registered, add, tmp_path):
     bpy.data.objects["Fill"].name = "Key"
     assert wishes.preview_light_now == "Main", "the one that has the old name now"
     wishes.preview_light = "Key"
-    wishes.preview_light_now = "Key"
+    assert wishes.preview_light_now == "Key", "a script means what has the name now"
     assert object_names.named_object(wishes, "preview_light").name == "Key"
     wishes.preview_light_now = "Main"
     key.name = "Hero"

@@ -34,8 +34,13 @@ def shown_name(group: bpy.types.PropertyGroup, property_name: str) -> str:
 
 def name_object(group: bpy.types.PropertyGroup, property_name: str, name: str) -> None:
     """Have a property mean the object that has a name now."""
-    _meant.pop((group.id_data.session_uid, property_name), None)
     setattr(group, property_name, name)
+    mean_anew(group, property_name)
+
+
+def mean_anew(group: bpy.types.PropertyGroup, property_name: str) -> None:
+    """Have a property mean the object that has the name in it now, whatever it meant: it has been set."""
+    _meant.pop((group.id_data.session_uid, property_name), None)
     named_object(group, property_name)
 
 

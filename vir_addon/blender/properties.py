@@ -28,7 +28,7 @@ from ..core.settings import (
     Settings,
 )
 from . import object_names
-from .object_names import name_object, shown_name, write_names
+from .object_names import mean_anew, name_object, shown_name, write_names
 
 VERSION = 1
 """of the groups; raised together with a new entry in MIGRATIONS"""
@@ -132,6 +132,11 @@ def _get_preview_light(group: VIR_SceneSettings) -> str:
 
 def _set_preview_light(group: VIR_SceneSettings, name: str) -> None:
     name_object(group, "preview_light", name)
+
+
+def _mean_preview_light(group: VIR_SceneSettings, context: bpy.types.Context) -> None:
+    mean_anew(group, "preview_light")
+    _redraw_viewports(group, context)
 
 
 def _light_names(group: VIR_SceneSettings, _context: Any, typed: str) -> list[str]:
@@ -385,7 +390,7 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
         name="Light",
         description="The name that the light had when it was chosen whose shadows the preview shows. Empty: those of all lights together",
         options={"HIDDEN"},
-        update=_redraw_viewports,
+        update=_mean_preview_light,
     )
     preview_light_now: bpy.props.StringProperty(
         name="Light",
