@@ -53,6 +53,19 @@ def test_what_is_larger_than_the_pool_is_not_kept():
     assert pool.unused_bytes == 0
 
 
+@pytest.mark.parametrize("name", ["moderngl", "gpu"])
+def test_a_texture_released_twice_is_not_given_to_two(device_called, name):
+    device = device_called(name)
+    texture = device.create_texture(24, 24, TextureFormat.RGBA32F)
+    texture.release()
+    texture.release()
+    ones, twos = (device.upload_texture(np.full((24, 24, 4), value, np.float32)) for value in (1, 2))
+    np.testing.assert_array_equal(device.read(ones), 1)
+    np.testing.assert_array_equal(device.read(twos), 2)
+    ones.release()
+    twos.release()
+
+
 @pytest.mark.parametrize("method", METHODS_AND_HYBRID)
 def test_what_was_left_in_textures_shows_nowhere(device_called, monkeypatch, method):
     device = device_called("moderngl")

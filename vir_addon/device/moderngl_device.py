@@ -63,7 +63,10 @@ class ModernglTexture(Texture):
             self.handle.filter = (device.moderngl.NEAREST, device.moderngl.NEAREST)
 
     def release(self) -> None:
-        self.device.run(self.device.unused_textures.keep, (self.width, self.height, self.format), self.handle)
+        # once only: memory kept twice would be handed to two owners
+        handle, self.handle = self.handle, None
+        if handle is not None:
+            self.device.run(self.device.unused_textures.keep, (self.width, self.height, self.format), handle)
 
 
 class ModernglMesh(DeviceMesh):
