@@ -22,12 +22,16 @@ from tests.scenes import (
     snapshot,
     spot_light,
 )
+from vir_addon.core.bounds import compute_bounds
 from vir_addon.core.errors import SceneError
 from vir_addon.core.material import World
 from vir_addon.core.passes.accumulate import pass_image
+from vir_addon.core.passes.eye import EyePass
+from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.picture import Choice
 from vir_addon.core.progressive import ProgressiveRender
 from vir_addon.core.settings import Effect, Method, Settings
+from vir_addon.device.owned import Owned
 
 WIDTH, HEIGHT = 40, 24
 OPTIONS = {"view_count": 16, "map_resolution_px": 128}
@@ -158,6 +162,18 @@ def test_a_step_translates_one_kernel_of_those_that_take_long(device, progressiv
             before = len(slow)
         of_effects = SLOW_TO_TRANSLATE - set.union(*SLOW_TO_GATHER.values()) if Effect.REFLECTION in effects else {"resolve"}
         assert {name for name in slow if slow.count(name) > 1} == of_effects | SLOW_TO_GATHER[method]
+
+
+def test_the_kernel_for_probed_tiles_of_the_eye_is_compiled_between_pauses(device):
+    """Which tiles are only probed is known after some batches: nothing else is being compiled any more."""
+    scene = view()
+    with Owned() as owned:
+        scene_data = owned.own(SceneData(scene, device))
+        eye = owned.own(EyePass(scene_data, compute_bounds(scene), np.zeros((1, 2))))
+        device.run(eye.render, [0], 0)
+        eye.want_only(np.zeros_like(eye.tiles.is_walked))
+        with fresh_kernels(device):
+            assert [sum(1 for _ in eye.rendering([0], batch)) for batch in (1, 2)] == [2, 0]
 
 
 CHANGES = {

@@ -18,7 +18,7 @@ from ...device.interface import Texture, TextureFormat
 from ...device.owned import Owned, Shared
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera
-from ..steps import run_pauses, run_steps
+from ..steps import compiling, run_pauses, run_steps
 from .opacity_maps import of_cut_outs
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData, portions
 from .tiles import PROBES_FLAG, SIZE_CONSTANTS, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, TileSplit, grid_shape
@@ -174,7 +174,7 @@ class EyePass(Shared):
         run_steps(self.rendering(indices, batch))
 
     def rendering(self, indices: Sequence[int], batch: int) -> Generator[None, None, None]:
-        """`render`, pausing while triangles are rasterized and once all are."""
+        """`render`, pausing while triangles are rasterized and once all are, and where a kernel is compiled."""
         self._indices = indices
         for part, index in enumerate(indices):
             if (yield from self._seeing(index)):
@@ -182,7 +182,8 @@ class EyePass(Shared):
             bindings = self._bindings(part, index)
             self.tiles.walked.dispatch(self.surface, **bindings)
             if self.tiles.probed.count:
-                self.tiles.probed.dispatch_probes(self.device.compute_kernel(self.surface_declaration, "PROBES"), batch, **bindings)
+                kernel = yield from compiling(self.device, self.surface_declaration, "PROBES")
+                self.tiles.probed.dispatch_probes(kernel, batch, **bindings)
 
     def _seeing(self, index: int) -> Generator[None, None, bool]:
         """Have `visibility` be that of an offset; returns whether it was another."""
