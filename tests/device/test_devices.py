@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import _thread
 import dataclasses
 import re
 import sys
 import threading
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -400,3 +402,14 @@ def test_blenders_module_is_refused_before_5_2_also_in_a_window(monkeypatch):
     monkeypatch.setitem(sys.modules, "gpu", SimpleNamespace())
     with pytest.raises(DeviceError, match=r"Blender 5\.0\.1 .* moderngl"):
         device_opening.open_device("gpu")
+
+
+def test_a_wait_hears_ctrl_c_that_reached_another_thread(device_called):
+    device = device_called("moderngl")
+    asking = threading.Timer(0.1, _thread.interrupt_main)
+    asking.start()
+    start_s = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        device.run(time.sleep, 2.0)
+    assert time.perf_counter() - start_s < 1.5
+    device.finish()

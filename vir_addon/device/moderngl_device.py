@@ -11,7 +11,7 @@ import re
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any, cast
 
 import numpy as np
@@ -43,6 +43,10 @@ UNUSED_TEXTURES_BYTES = 512 << 20
 """kept for the next who wants them; what a frame of 1920 x 1080 pixels holds"""
 DRIVER_LINE = re.compile(r"\b0[:(](\d+)\b")
 """'0:7(10): error' of Mesa, '0(7) : error' of NVIDIA, 'ERROR: 0:7:' of others"""
+
+
+HEARING_S = 0.2
+"""how long a waiting thread may not notice a Ctrl-C"""
 
 
 class ModernglTexture(Texture):
@@ -276,7 +280,11 @@ class ModernglDevice(Device):
     def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
         if threading.get_ident() == self._thread_id:
             return function(*arguments)
-        return self._worker.submit(function, *arguments).result()
+        future = self._worker.submit(function, *arguments)
+        # Ctrl-C may reach another thread than the one that waits here, which hears of it only when it wakes
+        while not wait((future,), timeout=HEARING_S).done:
+            pass
+        return future.result()
 
     def compile(self, declaration: KernelDeclaration, stages: Mapping[str, tuple[str, str]], build: Callable[[], Result]) -> Result:
         """stages: moderngl's name of a stage -> file name and composed text"""
