@@ -273,6 +273,14 @@ def test_a_log_has_a_line_for_each_step(blend, folder):
     assert all(line.startswith(f"frame 1 {layer}: 8/8 views, error") for line, layer in zip(steps[5::2], layers, strict=True))
 
 
+@pytest.fixture(scope="module", autouse=True)
+def hears_ctrl_c():
+    """What a script starts in the background ignores Ctrl-C, and so does what that starts: renders without an end would have none."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize("module", ["vir_addon.cli", "rich", "argparse", "numpy", "vir_addon.cli.commands", "bpy"])
 def test_ctrl_c_while_importing(blend, module):
     """The first and the last of the program's own modules, and those that take longest."""
