@@ -27,21 +27,12 @@ def compiling(device: Device, declaration: ComputeDeclaration, *flags: str) -> G
     return kernel
 
 
-def run_pauses(work: Generator[None, None, Result]) -> Result:
+def run_steps(steps: Generator[HostWork | None, Any, Result]) -> Result:
     """To the end, at once and on this thread; what comes of it."""
-    try:
-        while True:
-            next(work)
-    except StopIteration as end:
-        return end.value
-
-
-def run_steps(steps: Steps) -> None:
-    """To the end, at once and on this thread."""
     answer = None
     try:
         while True:
             host_work = steps.send(answer)
             answer = host_work() if host_work is not None else None
-    except StopIteration:
-        return
+    except StopIteration as end:
+        return end.value

@@ -16,7 +16,7 @@ from ..passes.scene_data import SceneData
 from ..passes.shadow_maps import MAX_BATCH_VIEWS, RASTERIZE_CUT_OUTS, DepthMaps, views_table
 from ..scene import Light
 from ..settings import Settings
-from ..steps import run_pauses
+from ..steps import run_steps
 from .shared import SharedByFaces
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class DepthMapMethod(abc.ABC):
 
     def prepare(self) -> None:
         """Work that all batches share, e.g. generating points."""
-        self.device.run(run_pauses, self.preparing())
+        self.device.run(run_steps, self.preparing())
 
     def preparing(self) -> Generator[None, None, None]:
         """`prepare` in steps, on the device's thread."""
@@ -159,7 +159,7 @@ class ReplayMethod(DepthMapMethod):
 
     def _hold(self) -> None:
         """Before every use of what is replayed."""
-        run_pauses(self._holding())
+        run_steps(self._holding())
 
     def _holding(self) -> Generator[None, None, None]:
         """`_hold` in steps"""

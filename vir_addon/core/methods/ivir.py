@@ -18,7 +18,7 @@ from ..passes.points import BUFFER_TILES, BUFFER_TRIANGLES, CUT_PARTS, KEEP_SEEN
 from ..passes.scene_data import WORK_GROUP_SIZE
 from ..passes.shadow_maps import DepthMaps
 from ..settings import PointStorage
-from ..steps import compiling, run_pauses
+from ..steps import compiling, run_steps
 from .base import FaceJob, ReplayMethod
 from .linear_store import LinearStore
 from .seen_space import seen_space_bindings, window_bounds
@@ -164,7 +164,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
             return
         for portion in self._portions:
             if not portion.tiles_at_once:
-                run_pauses(self._generating_into_buffer(portion))
+                run_steps(self._generating_into_buffer(portion))
                 yield
                 continue
             outputs = {"points": self.points.texture, "texel_capacity": self.points.texel_count}
@@ -183,7 +183,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         kernel.dispatch_linear(invocation_count, **bindings)
 
     def _run_triangles(self, declaration: KernelDeclaration, first_group: int, group_count: int, **outputs: Any) -> None:
-        run_pauses(self._running_triangles(declaration, first_group, group_count, **outputs))
+        run_steps(self._running_triangles(declaration, first_group, group_count, **outputs))
 
     def _running_triangles(
         self, declaration: KernelDeclaration, first_group: int, group_count: int, **outputs: Any
@@ -249,7 +249,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         return sorted({*self.sampling_flags, *(self.splat_flags if "depth_maps" in declaration.images else ())})
 
     def _run_tiles(self, declaration: KernelDeclaration, first_tile: int, tile_count: int, **outputs: Any) -> None:
-        run_pauses(self._running_tiles(declaration, first_tile, tile_count, **outputs))
+        run_steps(self._running_tiles(declaration, first_tile, tile_count, **outputs))
 
     def _running_tiles(
         self, declaration: KernelDeclaration, first_tile: int, tile_count: int, **outputs: Any

@@ -18,7 +18,7 @@ from ...device.interface import Texture, TextureFormat
 from ...device.owned import Owned, Shared
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera
-from ..steps import compiling, run_pauses, run_steps
+from ..steps import compiling, run_steps
 from .opacity_maps import of_cut_outs
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData, portions
 from .tiles import PROBES_FLAG, SIZE_CONSTANTS, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, TileSplit, grid_shape
@@ -217,7 +217,7 @@ class EyePass(Shared):
             with Owned() as temporary:
                 tiles = temporary.own(Tiles(self.device, missing))
                 for part, index in enumerate(self._indices):
-                    run_pauses(self._seeing(index))
+                    run_steps(self._seeing(index))
                     tiles.dispatch(self.surface, **self._bindings(part, index))
             self.want_only(self.tiles.is_walked | missing)
 
