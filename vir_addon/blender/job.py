@@ -17,6 +17,7 @@ from ..core.settings import Effect, Settings
 from ..core.stopwatch import OnStage
 from ..device.interface import Device
 from .extract import snapshot
+from .extract.instances import is_animated
 from .render_depsgraph import with_render_depsgraph
 
 SURFACE_TYPES = frozenset({"MESH", "CURVE", "SURFACE", "FONT", "META"})
@@ -125,12 +126,9 @@ def _stays_without_faces(candidate: bpy.types.Object) -> bool:
 def _may_become_other(candidate: bpy.types.Object) -> bool:
     """Whether what an object shows may be another kind of thing in another frame: it, its data or its nodes are animated or read the time,
     or it is built."""
-    animated = [candidate, candidate.data, getattr(candidate.data, "shape_keys", None)]
-    if any(part is not None and part.animation_data is not None for part in animated):
-        return True
     kinds = {modifier.type for modifier in candidate.modifiers}
     trees = [modifier.node_group for modifier in candidate.modifiers if modifier.type == "NODES"]
-    return not kinds.isdisjoint({"BUILD", "MESH_SEQUENCE_CACHE"}) or _depends_on_time(trees)
+    return is_animated(candidate) or not kinds.isdisjoint({"BUILD", "MESH_SEQUENCE_CACHE"}) or _depends_on_time(trees)
 
 
 def _depends_on_time(trees: list[bpy.types.NodeTree | None]) -> bool:

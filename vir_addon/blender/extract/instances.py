@@ -118,19 +118,23 @@ _STEADY_MODIFIERS = frozenset(
 """They make the same of the same mesh in every frame, unless animation changes their settings."""
 
 
+def is_animated(item: bpy.types.Object) -> bool:
+    """Whether the object, its data or its shape keys have keyframes or drivers, or had some."""
+    parts = (item, item.data, getattr(item.data, "shape_keys", None))
+    return any(part is not None and part.animation_data is not None for part in parts)
+
+
 def _stays(original: bpy.types.Object) -> bool:
     """Whether nothing in the settings of an object, or of what carries it, moves or deforms it: no animation, constraints, physics or
     modifiers that do."""
     carrier: bpy.types.Object | None = original
     while carrier is not None:
-        data = carrier.data
         physics = carrier.rigid_body
         if (
-            carrier.animation_data is not None
+            is_animated(carrier)
             or len(carrier.constraints)
             or (physics is not None and (physics.type == "ACTIVE" or physics.kinematic))
-            or (data is not None and data.animation_data is not None)
-            or getattr(data, "shape_keys", None) is not None
+            or getattr(carrier.data, "shape_keys", None) is not None
             or any(modifier.type not in _STEADY_MODIFIERS for modifier in carrier.modifiers)
         ):
             return False

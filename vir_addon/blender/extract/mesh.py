@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from ...core.scene import Mesh
-from .mesh_topology import faces_outward, is_closed
+from .mesh_topology import has_outside
 
 _BLOCK = 1 << 14
 """quads looked at together: temporaries stay in the cache"""
@@ -68,7 +68,7 @@ def extract_mesh(data: bpy.types.Mesh, name: str) -> ExtractedMesh:
         triangles=triangles,
         point_normals_os=_mend_point_normals(point_normals, positions, triangles),
         corner_normals_os=_mend_corner_normals(corner_normals, positions, triangles),
-        is_closed=dropped_vertex_count == 0 and is_closed(triangles, len(positions)) and faces_outward(positions, triangles),
+        is_closed=dropped_vertex_count == 0 and has_outside(positions, triangles),
     )
     return ExtractedMesh(mesh, dropped_vertex_count, dropped_triangle_count, triangle_corners, keep)
 

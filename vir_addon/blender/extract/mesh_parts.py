@@ -12,7 +12,7 @@ from ...core.scene import Mesh
 from ..materials.opacity import MaterialOpacity
 from .corner_layers import read_material_slots, read_uvs
 from .mesh import ExtractedMesh
-from .mesh_topology import faces_outward, is_closed
+from .mesh_topology import has_outside
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def _opaque_part(whole: Mesh, chosen: np.ndarray) -> Mesh:
         triangles=triangles,
         point_normals_os=None if whole.point_normals_os is None else whole.point_normals_os[used],
         corner_normals_os=None if whole.corner_normals_os is None else whole.corner_normals_os[chosen],
-        is_closed=is_closed(triangles, len(used)) and faces_outward(positions, triangles),
+        is_closed=has_outside(positions, triangles),
         material_slot=None if whole.material_slot is None else whole.material_slot[chosen],
         layers={layer: values[chosen] for layer, values in whole.layers.items()},
     )

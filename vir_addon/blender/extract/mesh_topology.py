@@ -13,6 +13,11 @@ _FEW = 1 << 14
 """vertices of meshes for which the random numbers are kept: making them takes as long as the rest"""
 
 
+def has_outside(positions: np.ndarray, triangles: np.ndarray) -> bool:
+    """Is the surface closed, with its faces outwards? (vertex_count, 3) float32 and (triangle_count, 3) int32"""
+    return is_closed(triangles, len(positions)) and faces_outward(positions, triangles)
+
+
 def is_closed(triangles: np.ndarray, vertex_count: int) -> bool:
     """Is every directed edge met by its reverse as often as it occurs?
 

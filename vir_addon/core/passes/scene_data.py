@@ -231,7 +231,7 @@ def _pieces(draw: Draw, triangle_count: int) -> Iterator[Draw]:
             continue
         for first in range(0, own_count, triangle_count):
             triangle_range = first, min(triangle_count, own_count - first)
-            yield Draw(draw.mesh, 1, {**constants, "first_triangle": first}, draw.cull_back_faces, triangle_range)
+            yield replace(draw, instance_count=1, constants={**constants, "first_triangle": first}, triangle_range=triangle_range)
 
 
 class WorkTable:
