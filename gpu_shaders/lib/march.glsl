@@ -83,10 +83,16 @@ Found meet_neighbours(ReflectionMap map, int face, ivec2 own, vec2 place, vec3 o
 Found march(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m, float last_m) {
     vec3 start = map_direction(map, origin_ws - map.center_ws);
     vec3 direction = map_direction(map, direction_ws);
-    float end = map.reach_m + length(start);
-    float along = 0.0;
-    int level = MAP_LEVELS - 1;
     Found found = Found(Meeting(FAR_ALONG, vec2(0.0), false), vec4(-1.0), REFLECTED_NOTHING);
+    // all that the map shows is in the ball of its reach
+    float middle = -dot(start, direction);
+    float half_chord = map.reach_m * map.reach_m - dot(start, start) + middle * middle;
+    float end = middle + sqrt(max(half_chord, 0.0));
+    if (half_chord <= 0.0 || end <= 0.0) {
+        return found;
+    }
+    float along = max(2.0 * middle - end, 0.0);
+    int level = MAP_LEVELS - 1;
     int step_count = 0;
     do {
         step_count++;
@@ -189,11 +195,13 @@ Found follow(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m
 #endif
 }
 
+const int FIRST_FURTHER = 3 + OWN_CUBES * (1 + FURTHER_MAPS);  // of the turns below
+
 // What a ray meets that begins at a reflector, or at what this shows: by its first map, by that beside it where the ray leaves the first or
-// comes to what is hidden there, and by that of the reflector itself; -1: none. What these do not know maps of other reflectors may: where
-// the ray is hidden, or the reflector is not convex, with parts of itself that the eye does not see. What is met there exactly is there, and
-// the nearest of it counts. Two such cubes, neither of which sees all that stands there, that both see nothing in a direction, show that
-// there is nothing.
+// comes to what is hidden there, and by that of the reflector itself; -1: none. What these do not know others may: cubes of this and of other
+// reflectors alone, from which nothing else hides them; and where the ray is hidden, or the reflector is not convex, what is around other
+// reflectors. What is met there exactly is there, and the nearest of it counts. Two of the latter, neither of which sees all that stands
+// there, that both see nothing in a direction, show that there is nothing.
 Found follow_through(ivec3 numbers, vec3 origin_ws, vec3 direction_ws, float first_m) {
     Found found = Found(Meeting(FAR_ALONG, vec2(0.0), false), vec4(-1.0), REFLECTED_NOTHING);
     int seen_past = 0;
@@ -202,12 +210,21 @@ Found follow_through(ivec3 numbers, vec3 origin_ws, vec3 direction_ws, float fir
 #ifdef BY_DIRECTION
     const int turn_count = 2;
 #else
-    const int turn_count = 3 + FURTHER_MAPS;
+    const int turn_count = FIRST_FURTHER + FURTHER_MAPS;
 #endif
     for (int turn = 0; turn < turn_count; turn++) {
-        bool is_further = turn > 2;
+        bool is_further = turn >= FIRST_FURTHER;
         bool is_first = turn < 2;  // of the reflector, and without it
-        int number = is_further ? further[turn - 3] : numbers[turn];
+        int number = -1;
+        if (is_further) {
+            number = further[turn - FIRST_FURTHER];
+        } else if (turn < 3) {
+            number = numbers[turn];
+        } else {
+            int whose = (turn - 3) / OWN_CUBES;
+            int first = own_cube(whose == 0 ? numbers.x : further[whose - 1]);
+            number = first < 0 ? -1 : first + (turn - 3) % OWN_CUBES;
+        }
         bool has_left = found.how == REFLECTED_OUT_OF_VIEW;
         bool is_hidden = found.how == REFLECTED_BY_DIRECTION;
         bool is_asked = is_further ? is_hidden || numbers.z >= 0 : turn != 1 || has_left || is_hidden;

@@ -46,6 +46,11 @@ ivec4 further_maps(int number) {
     return ivec4(texelFetch(map_headers, linear_texel(HEADER_TEXELS * number + 6), 0));
 }
 
+// The first of the cubes of the reflector alone that a map is of; -1: none.
+int own_cube(int number) {
+    return number < 0 ? -1 : int(texelFetch(map_headers, linear_texel(HEADER_TEXELS * number + 3), 0).w);
+}
+
 vec3 map_direction(ReflectionMap map, vec3 d_ws) {
     return vec3(dot(map.axis_x, d_ws), dot(map.axis_y, d_ws), dot(map.axis_z, d_ws));
 }

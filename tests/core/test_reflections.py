@@ -199,10 +199,10 @@ def test_a_tray_shows_what_stands_on_it_where_it_is(device):
         [*walls, block, tray], [], camera, WIDTH, HEIGHT, materials=[*materials, matte((0, 0, 0), (0.4, 0.5, 0.6)), mirror()], world=World()
     )
     (plan,) = reflectors_of(scene).reflectors
-    assert [each.is_cube for each in plan.maps] == [False, True, False]
+    assert [each.is_cube for each in plan.maps] == [False, True, False, True, True]
     assert "mostly flat: a mirrored view besides" in plan.reason
     (as_published,) = reflectors_of(scene, planar=False).reflectors
-    assert [each.is_cube for each in as_published.maps] == [True, False]
+    assert [each.is_cube for each in as_published.maps] == [True, False, True, True]
 
     image = render_passes(scene, device, reflection_sample_count=2, effects=(Effect.REFLECTION,), bounces=1)[REFLECTION_PASS_NAME]
     eye, directions = camera_rays(camera, WIDTH, HEIGHT)
@@ -390,6 +390,29 @@ def traced(scene, origins, directions, mirrors, bounces):
         origins[left] += length[:, None] * directions[left]
         directions[left] -= 2 * (directions[left] * normal).sum(axis=1, keepdims=True) * normal
     return ends, ways
+
+
+def test_a_reflector_shows_parts_of_itself_that_the_eye_does_not_see(device):
+    """A plate and a roof that leans over its rear half, of one mirror, from above: the roof's underside shows in the plate."""
+    walls, materials = colored_box(6.0)
+    plate = [(-1, -1, 0), (1, -1, 0), (1, 2, 0), (-1, 2, 0)]
+    roof = [(-0.6, 0.5, 0.8), (0.6, 0.5, 0.8), (0.6, 1.7, 0.2), (-0.6, 1.7, 0.2), (0, 0.5, 1.2), (0, 1.7, 0.6)]
+    triangles = [(0, 1, 2), (0, 2, 3), (4, 6, 5), (4, 7, 6), (4, 5, 8), (6, 7, 9), (5, 6, 9), (5, 9, 8), (7, 4, 8), (7, 8, 9)]
+    mesh = Mesh("plate and roof", np.array(plate + roof, np.float32), np.array(triangles, np.int32))
+    camera = perspective_camera((0.2, -2.2, 2.6), (0.0, 0.3, 0.2), WIDTH, HEIGHT, 0.45)
+    scene = snapshot([*walls, mesh], [], camera, WIDTH, HEIGHT, materials=[*materials, mirror()], world=World())
+    image = render_passes(scene, device, reflection_sample_count=2, effects=(Effect.REFLECTION,), bounces=3)[REFLECTION_PASS_NAME]
+
+    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
+    ends, ways = traced(scene, np.broadcast_to(eye, (WIDTH * HEIGHT, 3)), directions.reshape(-1, 3), [6], 3)
+    # where the roof's underside, z = 1.05 - y / 2, is mirrored in the plate
+    image_of_roof = eye + ((1.05 - eye[1] / 2 + eye[2]) / (directions[..., 1] / 2 - directions[..., 2]))[..., None] * directions
+    shows_roof = (np.abs(image_of_roof[..., 0]) < 0.58) & (np.abs(image_of_roof[..., 1] - 1.1) < 0.58)
+    # in the plate, in the roof and perhaps in the plate again
+    judged = shows_roof.ravel() & np.isin(ways, (707, 70707)) & (ends >= 0) & (ends < 6)
+    wrong = np.abs(image.reshape(-1, 3)[judged] - COLORS[ends[judged]]).max(axis=-1) > 0.01
+    assert judged.sum() > 500
+    assert wrong.mean() < 0.1, f"{wrong.sum()} of {judged.sum()}"
 
 
 @pytest.mark.parametrize("is_open", [False, True])

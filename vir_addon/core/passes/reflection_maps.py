@@ -2,8 +2,9 @@
 sees and between which depths, coarser levels between which depths all texels below them.
 
 All maps of a frame are one list of texels:
-    map_headers     seven texels a map: centre and whether it is a cube; three axes, with width, height and 0; corner and size of a texel
-                    in tangents; where its texels begin (halves), nearest and farthest depth; FURTHER_MAPS numbers of others, -1: none
+    map_headers     seven texels a map: centre and whether it is a cube; three axes, with width, height and the number of the first of its
+                    reflector's OWN_CUBES cubes of itself, -1: none; corner and size of a texel in tangents; where its texels begin
+                    (halves), nearest and farthest depth; FURTHER_MAPS numbers of others, -1: none
     map_texels      of every map, from the finest level on: range of depths, instance number and triangle number, -1 where nothing is
 """
 
@@ -28,7 +29,7 @@ from .small_triangles import COPY_TEXELS
 MAP_LEVELS = 6
 """so many that a texel of the coarsest is MAP_SIZE_STEP_PX wide"""
 MAP_SIZE_STEP_PX = 1 << (MAP_LEVELS - 1)
-HEADER_TEXELS, FURTHER_MAPS = 7, 4
+HEADER_TEXELS, FURTHER_MAPS, OWN_CUBES = 7, 4, 2
 HEADER_DEFINE = {"HEADER_TEXELS": HEADER_TEXELS}
 BYTES_PER_TEXEL = 16
 NOTHING_NEARER = 1e30
@@ -111,6 +112,8 @@ class ReflectionMap:
     """(4,) float64 plane (normal, offset): only what has normal . p + offset > 0 is there; of single views"""
     method: ReflectionMethod = ReflectionMethod.MVR
     """never AUTO; only cubes are splatted"""
+    shows_farthest: bool = False
+    """of all surfaces behind each other, not the nearest; the rasterizer's alone"""
 
     @property
     def face_count(self) -> int:
@@ -144,18 +147,20 @@ class ReflectionMap:
         face_from_world[:3, 3] = -self.face_axes(face) @ self.center_ws
         if self.clipped_by is not None:
             clip_from_face = _clipped(clip_from_face, self.clipped_by @ np.linalg.inv(face_from_world))
+        if self.shows_farthest:
+            clip_from_face[2] *= -1.0
         return clip_from_face @ face_from_world
 
-    def header(self, base: int, further: np.ndarray) -> np.ndarray:
-        """(HEADER_TEXELS, 4). further: (FURTHER_MAPS,) numbers of maps"""
+    def header(self, base: int, others: np.ndarray) -> np.ndarray:
+        """(HEADER_TEXELS, 4). others: (FURTHER_MAPS + 1,) numbers of maps, as of `ReflectionMaps`"""
         left, right, bottom, top = self.window
         rows = np.zeros((HEADER_TEXELS, 4))
         rows[0] = *self.center_ws, self.is_cube
         rows[1:4, :3] = self.axes
-        rows[1:4, 3] = self.width_px, self.height_px, 0
+        rows[1:4, 3] = self.width_px, self.height_px, others[FURTHER_MAPS]
         rows[4] = left, bottom, (right - left) / self.width_px, (top - bottom) / self.height_px
         rows[5] = *split_integers(np.array(base)), self.near_m, self.reach_m
-        rows[6] = further
+        rows[6] = others[:FURTHER_MAPS]
         return rows
 
 
@@ -186,16 +191,16 @@ class ReflectionMaps:
         scene_data: SceneData,
         bounds: SceneBounds,
         maps: Sequence[ReflectionMap],
-        further: np.ndarray,
+        others: np.ndarray,
         drawn_before: ReflectionMaps | None = None,
     ) -> None:
-        """further: (map_count, FURTHER_MAPS) numbers of others that rays ask besides each, -1: none; drawn_before: the first of these maps,
-        which need not be drawn again"""
+        """others: (map_count, FURTHER_MAPS + 1) numbers of those that rays ask besides each, the last that of the first of OWN_CUBES cubes
+        of its reflector itself, -1: none; drawn_before: the first of these maps, which need not be drawn again"""
         self.scene_data, self.device, self.maps = scene_data, scene_data.device, maps
         self.corners_ws = bounds.corners_ws
         self._drawn_count = 0
         bases = np.concatenate([[0], np.cumsum([each.texel_count for each in maps])]).astype(np.int64)
-        headers = np.concatenate([each.header(int(base), row) for each, base, row in zip(maps, bases, further, strict=False)])
+        headers = np.concatenate([each.header(int(base), row) for each, base, row in zip(maps, bases, others, strict=False)])
         rows = max(1, -(-int(bases[-1]) // LINEAR_TEXTURE_WIDTH))
         with Owned() as owned:
             self.headers = owned.own(self.device.upload_array(headers))

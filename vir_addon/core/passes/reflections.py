@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored, Table
 from .emitters import EMITTER_CONSTANTS, EMITTER_TEXTURES
-from .reflection_maps import FURTHER_MAPS, HEADER_DEFINE, MAP_LEVELS, MAP_TEXTURES
+from .reflection_maps import FURTHER_MAPS, HEADER_DEFINE, MAP_LEVELS, MAP_TEXTURES, OWN_CUBES
 from .resolve import DELIVERED_FLAGS, RESOLVE
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES
 from .shadow_maps import FACE_TABLE, MAX_BATCH_VIEWS
@@ -30,6 +30,7 @@ MARCH_DEFINES = {
     "MAX_STEPS": MAX_STEPS,
     **HEADER_DEFINE,
     "FURTHER_MAPS": FURTHER_MAPS,
+    "OWN_CUBES": OWN_CUBES,
     **MAP_NUMBERS_DEFINE,
 }
 BY_DIRECTION_FLAG = {"BY_DIRECTION": "look maps up by direction alone"}

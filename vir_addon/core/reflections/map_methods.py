@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 
 def with_methods(reflectors: list[Reflector], snapshot: SceneSnapshot, settings: Settings) -> list[Reflector]:
-    """The same with what makes their cubes. Single views stay the rasterizer's."""
-    cubes = list({id(each): each for reflector in reflectors for each in reflector.maps if each.is_cube}.values())
+    """The same with what makes their cubes. Single views and cubes of reflectors alone stay the rasterizer's."""
+    cubes = list({id(each): each for reflector in reflectors for each in _around(reflector)}.values())
     choices = dict(zip(map(id, cubes), _choices(cubes, snapshot, settings), strict=True))
     made = {id(each): replace(each, method=choices[id(each)][0]) for each in cubes}
 
@@ -25,7 +25,7 @@ def with_methods(reflectors: list[Reflector], snapshot: SceneSnapshot, settings:
 
     found = []
     for each in reflectors:
-        own = [choices[id(drawn)] for drawn in each.maps if drawn.is_cube]
+        own = [choices[id(drawn)] for drawn in _around(each)]
         if not own:
             found.append(each)
             continue
@@ -42,6 +42,10 @@ def with_methods(reflectors: list[Reflector], snapshot: SceneSnapshot, settings:
             )
         )
     return found
+
+
+def _around(reflector: Reflector) -> list[ReflectionMap]:
+    return [each for each in (reflector.seen, reflector.met, reflector.aside) if each is not None and each.is_cube]
 
 
 def _choices(cubes: list[ReflectionMap], snapshot: SceneSnapshot, settings: Settings) -> list[tuple[ReflectionMethod, str]]:

@@ -23,6 +23,7 @@ from .views import (
     cube_around,
     cube_around_eye,
     cube_size_px,
+    cubes_of_itself,
     eye_is_inside,
     eye_view,
     flat_plane,
@@ -59,7 +60,7 @@ UNSEEN_MAP_PX = 128
 SHRINKING = 0.9
 """of maps' sides, as often as it takes for all to fit; those of the smallest size stay"""
 ASIDE_MAP_PX = 256
-"""of cubes of flat reflectors, for what is not seen in their mirrored view"""
+"""of cubes of flat reflectors, for what is not seen in their mirrored view, and of cubes of reflectors alone"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +82,8 @@ class Reflector:
     """where rays go on that leave the mirrored view `seen`, and rays of light that what it shows is lit by"""
     itself: ReflectionMap | None = None
     """what the eye sees of it, for what of itself it shows; of reflectors that are not convex"""
+    own_cubes: tuple[ReflectionMap, ...] = ()
+    """the reflector alone, for what it and others show of it that neither the eye nor others' cubes see; none or OWN_CUBES"""
     covered_px: tuple[int, int] = (0, 0)
     """of its bounds in the picture"""
 
@@ -92,7 +95,8 @@ class Reflector:
     @property
     def maps(self) -> list[ReflectionMap]:
         """each once"""
-        return list({id(each): each for each in (self.seen, self.met, self.aside, self.itself) if each is not None}.values())
+        found = (self.seen, self.met, self.aside, self.itself, *self.own_cubes)
+        return list({id(each): each for each in found if each is not None}.values())
 
 
 def reflects(material: Material) -> bool:
@@ -243,7 +247,7 @@ def _plan_group(snapshot: SceneSnapshot, bounds: SceneBounds, group: list[Candid
     is_small = max(each.ray_count for each in group) < _least_ray_count(snapshot)
     why = "small and near each other" if is_small else f"more than {MAX_REFLECTORS} reflectors, these near each other"
     reason = f"{'' if is_measured else 'up to '}{together.ray_count} px in the picture; {why}: one map"
-    return Reflector(together.name, together.own, True, reason, "mvr", cube, cube, None, None, (together.ray_count, 1))
+    return Reflector(together.name, together.own, True, reason, "mvr", cube, cube, covered_px=(together.ray_count, 1))
 
 
 def _extent(bounds: SceneBounds, own: np.ndarray) -> float:
@@ -276,25 +280,30 @@ def _plan_reflector(
         if view is not None:
             # what the mirrored view does not show: rays from other reflectors, and what lights the surfaces that it shows
             aside = cube_around(snapshot, bounds, own, min(side_px, ASIDE_MAP_PX), find_place=candidate.center_ws)
-            return Reflector(name, own, True, f"{reason}; flat: one mirrored view", "planar", view, aside, aside, None, covered_px)
+            return Reflector(name, own, True, f"{reason}; flat: one mirrored view", "planar", view, aside, aside, covered_px=covered_px)
     if eye_is_inside(snapshot, own, corners):
         cube = cube_around_eye(snapshot, bounds, own, side_px)
         reason += "; the eye is inside, so its cube is around the eye"
-        return Reflector(name, own, True, reason, "mvr", cube, cube, cube, None, covered_px)
+        return Reflector(name, own, True, reason, "mvr", cube, cube, cube, covered_px=covered_px)
     seen = cube_around(snapshot, bounds, own, side_px, nearer_to_eye=True, find_place=candidate.center_ws)
     if is_too_fine(snapshot, own):
         reason += f"; more than {MAX_INSCRIBED_TRIANGLES} triangles: its cube is around a place on it"
-    itself = None
-    if not (snapshot.camera.is_orthographic or is_convex_to_eye(snapshot, own)):
-        itself = eye_view(snapshot, bounds, own)
-        reason += "; not convex: a view of itself besides"
+    itself: ReflectionMap | None = None
+    own_cubes: tuple[ReflectionMap, ...] = ()
+    if not is_convex_to_eye(snapshot, own):
+        own_cubes = cubes_of_itself(snapshot, bounds, own, min(side_px, ASIDE_MAP_PX))
+        if snapshot.camera.is_orthographic:
+            reason += "; not convex: cubes of itself besides"
+        else:
+            itself = eye_view(snapshot, bounds, own)
+            reason += "; not convex: a view and cubes of itself besides"
     met = seen if bounces > 1 else None
     plane = main_plane(snapshot, own) if settings.planar and not snapshot.camera.is_orthographic else None
     view = None if plane is None else mirrored_view(snapshot, bounds, own, plane)
     if view is not None:
         reason += "; mostly flat: a mirrored view besides"
-        return Reflector(name, own, True, reason, "mvr", view, met, seen, itself, covered_px)
-    return Reflector(name, own, True, reason, "mvr", seen, met, None, itself, covered_px)
+        return Reflector(name, own, True, reason, "mvr", view, met, seen, itself, own_cubes, covered_px)
+    return Reflector(name, own, True, reason, "mvr", seen, met, None, itself, own_cubes, covered_px)
 
 
 def _within_memory(reflectors: list[Reflector], memory_mib: float) -> list[Reflector]:
@@ -333,11 +342,12 @@ def _smaller(reflector: Reflector, share: float) -> Reflector:
     shrunk_maps = [shrunk(drawn) for drawn in maps]
     smaller = {id(drawn): each for drawn, each in zip(maps, shrunk_maps, strict=True)}
     seen, met, aside, itself = (smaller.get(id(drawn)) for drawn in (reflector.seen, reflector.met, reflector.aside, reflector.itself))
+    own_cubes = tuple(smaller[id(drawn)] for drawn in reflector.own_cubes)
     is_smaller = any(
         (each.width_px, each.height_px) != (drawn.width_px, drawn.height_px) for drawn, each in zip(maps, shrunk_maps, strict=True)
     )
     reason = reflector.reason + SMALLER * is_smaller
-    return replace(reflector, seen=seen, met=met, aside=aside, itself=itself, reason=reason)
+    return replace(reflector, seen=seen, met=met, aside=aside, itself=itself, own_cubes=own_cubes, reason=reason)
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,11 +404,11 @@ class PlannedReflections:
                 told += alike
         return told
 
-    def further_maps(self) -> np.ndarray:
-        """(map_count, FURTHER_MAPS) numbers of the cubes of other reflectors that are nearest, -1: none: each is asked for what maps of
-        its reflector do not know"""
+    def other_maps(self) -> np.ndarray:
+        """(map_count, FURTHER_MAPS + 1) numbers of the cubes of other reflectors that are nearest, each of which is asked for what maps of
+        its reflector do not know, and of the first of its reflector's own; -1: none"""
         numbers = {id(each): number for number, each in enumerate(self.maps)}
-        found = np.full((len(self.maps), FURTHER_MAPS), -1, np.int64)
+        found = np.full((len(self.maps), FURTHER_MAPS + 1), -1, np.int64)
         cubes = [each.cube for each in self.reflectors]
         own = [(each, cube) for each, cube in zip(self.reflectors, cubes, strict=True) if cube is not None]
         centers_ws = np.array([cube.center_ws for _, cube in own])
@@ -407,6 +417,7 @@ class PlannedReflections:
             others = [numbers[id(own[other][1])] for other in nearest if other != k][:FURTHER_MAPS]
             for each in reflector.maps:
                 found[numbers[id(each)], : len(others)] = others
+                found[numbers[id(each)], FURTHER_MAPS] = numbers[id(reflector.own_cubes[0])] if reflector.own_cubes else -1
         return found
 
     def instance_maps(self, instance_count: int) -> np.ndarray:
