@@ -44,6 +44,10 @@ void add_to_pass(int turn, ivec2 pixel, bool surface, vec2 sums, vec4 before) {
     if (surface ? !is_lit && !is_dark : state != STATE_BACKGROUND) {
         imageStore(disagreeing, ivec2(tile.xy), uvec4(1u));
     }
+    // what this round's part of the light delivers here, and the mean of the rounds in the sums, once however many faces the light has
+    ivec2 cell = pixel / PROBE_STEP_PX;
+    float known = tile.w * imageLoad(round_sums, pixel).y;
+    imageStore(probed_light, cell, imageLoad(probed_light, cell) + vec4(sums.y, known, 0.0, 0.0));
 #else
     if ((turn & LAST_FACE) == 0) {
         imageStore(batch_sums, pixel, vec4(sums, 0.0, 0.0));

@@ -15,13 +15,15 @@ from tests.scenes import (
     render_passes,
     rmse,
     snapshot,
+    spot_light,
 )
-from vir_addon.core.passes.accumulate import STATE_BACKGROUND, STATE_DARK, STATE_LIT
+from vir_addon.core.passes.accumulate import STATE_BACKGROUND, STATE_DARK, STATE_LIT, pass_image
 from vir_addon.core.passes.tiles import PROBE_COUNT, PROBE_STEP_PX, probe_px
 from vir_addon.core.plan import plan
 from vir_addon.core.render import render
 from vir_addon.core.scene import PixelFilter
 from vir_addon.core.settings import Hardware, Method, Resolve, Settings
+from vir_addon.device.owned import Owned
 
 
 def both(scene, device, **settings):
@@ -68,6 +70,42 @@ def test_combined_pass_weighs_lights_alike(device):
     scene = snapshot([floor(4.0), box("box", (0.0, 0.0, 0.5), (0.5, 0.4, 0.5))], lights, camera, 160, 90)
     adaptive, full = both(scene, device, view_count=64, map_resolution_px=256)
     assert rmse(adaptive["VIR Shadow"], full["VIR Shadow"]) <= 0.002
+
+
+SPREAD_LIGHTS = {
+    # their first samples say little of how much a place gets that few of them reach
+    "a spot's rim": spot_light(name="Spot", eye=(0.0, -0.5, 4.0), radius_m=0.3, cone_rad=0.8, cone_blend=0.3, strength=40.0),
+    "a near lamp": point_light(name="Lamp", eye=(-0.6, -0.8, 0.5), radius_m=0.3, strength=4.0),
+    "a narrow spread": area_light(name="Beam", eye=(0.0, -0.5, 4.0), size_m=(1.5, 1.5), spread_rad=0.6, strength=40.0),
+}
+
+
+def beside_a_sealed_light(light):
+    sealed = area_light(name="Sealed", eye=(1.2, 0.0, 0.5), target=(1.2, 0.0, 0.0), size_m=(0.3, 0.3), strength=20.0)
+    camera = perspective_camera((0.5, -5.0, 3.5), (0.0, 0.0, 0.4), 160, 90)
+    return snapshot([floor(4.0), box("box", (1.2, 0.0, 0.5), (0.5, 0.4, 0.5))], [light, sealed], camera, 160, 90)
+
+
+@pytest.mark.parametrize("case", SPREAD_LIGHTS)
+def test_combined_pass_weighs_what_few_samples_light(device, case):
+    """Settled tiles have had a quarter of a light's samples, their neighbours all: blocks showed at a spot's rim."""
+    adaptive, full = both(beside_a_sealed_light(SPREAD_LIGHTS[case]), device, view_count=64, map_resolution_px=256)
+    error = rmse(adaptive["VIR Shadow"], full["VIR Shadow"])
+    print(f"{case}: {error:.5f}, {np.abs(adaptive['VIR Shadow'] - full['VIR Shadow']).max():.4f} at most")
+    assert error <= 0.002
+
+
+def test_what_is_shown_is_what_is_read(device):
+    """The picture of the preview stays on the device, and weighs settled tiles there."""
+    scene = beside_a_sealed_light(SPREAD_LIGHTS["a near lamp"])
+    with prepared_renderer(scene, device, resolve=Resolve.ADAPTIVE, view_count=64, map_resolution_px=256) as renderer, Owned() as owned:
+        render_batches(renderer)
+        assert max(work.accumulator.settled_share for work in renderer.works) > 0.1
+        picture = owned.own(device.upload_texture(np.zeros((90, 160, 4), np.float32)))
+        assert device.run(renderer.draw_shadows, picture, None)
+        shown = device.run(device.read, picture)
+        read = renderer.read_passes()["VIR Shadow"]
+    np.testing.assert_allclose(pass_image(shown[..., 0], shown[..., 1], shown[..., 2]), read, atol=1e-5)
 
 
 def test_hard_shadows_keep_their_antialiased_edges(device):

@@ -333,8 +333,9 @@ class LightWork(Shared):
                 for part in range(len(eye.buffers)):
                     self._resolve(part, only_turn, {**self._round(eye, part, 0), **empty, **nothing})
         if self.has_pass and (self._may_settle(batch) or self._may_settle_early(batch)):
+            is_combined = sum(planned.runs for planned in self.plan.passes) > 1
             with stopwatch.stage("resolve"):
-                self.accumulator.settle(*eye.buffers[-1], early=not self._may_settle(batch))
+                self.accumulator.settle(*eye.buffers[-1], early=not self._may_settle(batch), is_combined=is_combined)
         self._update_statistics()
         self.batches_done, self.is_between_batches = batch + 1, True
 
@@ -436,6 +437,7 @@ class LightWork(Shared):
             "receivers": self.receivers,
             "round_sums": self.accumulator.round_sums,
             "disagreeing": self.accumulator.disagreeing,
+            "probed_light": self.accumulator.probed_light,
             "width": width,
             "height": height,
         }
@@ -474,7 +476,8 @@ class LightWork(Shared):
     def _reopen_changed(self, batch: int, eye: EyePass, turns: FaceTurns, index: int, part: int, look_up: dict[str, Any]) -> None:
         """Look settled tiles up at a few pixels, at others in every batch, and go on with those that are not what they were."""
         with Owned() as temporary:
-            tiles = temporary.own(self.accumulator.tiles_to_probe(turns.sees[part, index]))
+            sees = turns.sees[part]
+            tiles = temporary.own(self.accumulator.tiles_to_probe(sees[index], is_first_face=~sees[:index].any(axis=0)))
             if not tiles.count:
                 return
             self.device.fill(self.accumulator.disagreeing, 0)

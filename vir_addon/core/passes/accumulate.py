@@ -9,7 +9,7 @@ import numpy as np
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
 from ...device.interface import Device, Texture, TextureFormat
 from ...device.owned import Owned
-from .tiles import SIZE_CONSTANTS, TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
+from .tiles import PROBE_STEP_PX, PROBES_PER_ROW, SIZE_CONSTANTS, TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
 
 ERROR_TILE_PX = 16
 MIN_SETTLING_VIEWS = 16
@@ -25,12 +25,19 @@ EARLY_SETTLING_TILES = 2
 much ground or sky. Shadows that they miss are faint, and as a rule there is one nearby that they do not miss."""
 SETTLE_RADIUS_PX = 3
 """Filters reach 1.5 pixels, and penumbrae do not begin at once: within three pixels of anything else looking up goes on."""
+MAX_UNEVENNESS = 1.5
+"""Where places near each other get as much more light than others, at the rim of a spot or beside a lamp, the first light samples say
+little of how much it is in the end."""
 STATE_MIXED, STATE_LIT, STATE_DARK, STATE_BACKGROUND = 1, 2, 4, 8
 """What a pass has found of a pixel or a tile so far: something between, always lit, never lit, always background."""
+_PROBED_AT = np.clip((np.arange(TILE_PX) + 0.5) / PROBE_STEP_PX - 0.5, 0, 1)
+_CELLS_TO_PIXELS = np.stack([1 - _PROBED_AT, _PROBED_AT], axis=1)
+"""(TILE_PX, PROBES_PER_ROW): linear between the middles of a tile's two cells"""
 SETTLED_DEFINES = {"STATE_LIT": STATE_LIT, "STATE_DARK": STATE_DARK, "STATE_BACKGROUND": STATE_BACKGROUND}
 ROUND_SUMS_TEXT = "sums over rounds: shadowed s, delivered d, squared deviations of s from the ratio so far, surface samples"
+PROBED_LIGHT_TEXT = "sums over probes of settled tiles: light delivered, and what the rounds in the pixel's sums let expect"
 SUMS_TEXTURES = {"round_sums": Sampled("sampler2D", ROUND_SUMS_TEXT)}
-TILE_ROUNDS_TEXTURES = {"tile_rounds": Sampled("sampler2D", "x: rounds in the sums of every tile")}
+TILE_ROUNDS_TEXTURES = {"tile_rounds": Sampled("sampler2D", "x: rounds in the sums of every tile, y: share of all rounds that came later")}
 
 PASS_ERROR = ComputeDeclaration(
     name="pass_error",
@@ -63,10 +70,10 @@ SETTLE_TILES = ComputeDeclaration(
     text="finds the tiles that need not be looked up any more",
     source="settle_tiles.comp.glsl",
     local_size=(8, 8, 1),
-    textures={"states": Sampled("usampler2D", "one bit a state")},
+    textures={**SUMS_TEXTURES, "states": Sampled("usampler2D", "one bit a state")},
     images={"tile_states": Stored("R32UI", "write", "the state of all of a tile and around it; 0 where there are several")},
-    constants=SIZE_CONSTANTS,
-    defines={"SETTLE_RADIUS_PX": SETTLE_RADIUS_PX, "TILE_PX": TILE_PX, "STATE_MIXED": STATE_MIXED},
+    constants={**SIZE_CONSTANTS, "is_combined": Constant("int", "1: how much light there is counts as well")},
+    defines={"SETTLE_RADIUS_PX": SETTLE_RADIUS_PX, "MAX_UNEVENNESS": MAX_UNEVENNESS, "TILE_PX": TILE_PX, "STATE_MIXED": STATE_MIXED},
 )
 
 COMBINE_PASSES = ComputeDeclaration(
@@ -74,14 +81,14 @@ COMBINE_PASSES = ComputeDeclaration(
     text="adds a light's pass to a picture that stays on the device",
     source="combine_passes.comp.glsl",
     local_size=(8, 8, 1),
-    textures={**SUMS_TEXTURES, **TILE_ROUNDS_TEXTURES},
+    textures={**SUMS_TEXTURES, **TILE_ROUNDS_TEXTURES, "probed_light": Sampled("sampler2D", PROBED_LIGHT_TEXT)},
     images={"picture": Stored("RGBA32F", "read_write", "shadowed and delivered light, and the share of eye samples that saw a surface")},
     constants={
         **SIZE_CONSTANTS,
         "weight": Constant("float", "what the light counts"),
         "is_first": Constant("int", "1: the picture has nothing yet"),
     },
-    defines={"TILE_PX": TILE_PX},
+    defines={"TILE_PX": TILE_PX, "PROBE_STEP_PX": PROBE_STEP_PX},
 )
 
 
@@ -101,6 +108,9 @@ class PassAccumulator:
             self.round_sums = owned.own(device.upload_texture(zeros))
             self.disagreeing = owned.own(device.create_texture(columns, rows, TextureFormat.R32UI))
             """set by probes for settled tiles that are not what they were"""
+            self.probed_light = owned.own(
+                self.device.upload_texture(np.zeros((PROBES_PER_ROW * rows, PROBES_PER_ROW * columns, 4), np.float32))
+            )
             tiles = (-(-width // ERROR_TILE_PX), -(-height // ERROR_TILE_PX))
             # made beforehand: errors are asked for when a render is closed, also one that ended because there is no memory
             self._error_sums = owned.own(device.create_texture(*tiles, TextureFormat.RGBA32F))
@@ -127,15 +137,16 @@ class PassAccumulator:
         """For RESOLVE, the batch's round with this number. turns: (rows, columns) as of TURN_DEFINES, -1 for tiles without one"""
         return Tiles(self.device, self.looked_up & (turns >= 0), np.stack([turns, self._repeats[part]], axis=-1))
 
-    def tiles_to_probe(self, wanted: np.ndarray) -> Tiles:
-        """Settled ones, for RESOLVE with PROBES. wanted: (rows, columns) bool"""
-        return Tiles(self.device, ~self.looked_up & wanted, np.stack([self.tile_states, np.ones(wanted.shape)], axis=-1))
+    def tiles_to_probe(self, wanted: np.ndarray, is_first_face: np.ndarray) -> Tiles:
+        """Settled ones, for RESOLVE with PROBES. (rows, columns) bool each; is_first_face: whether no face before this one is seen in"""
+        per_round = np.divide(is_first_face, self._settled_rounds, out=np.zeros(wanted.shape), where=self._settled_rounds > 0)
+        return Tiles(self.device, ~self.looked_up & wanted, np.stack([self.tile_states, per_round], axis=-1))
 
-    def settle(self, positions: Texture, normals: Texture, *, early: bool) -> None:
+    def settle(self, positions: Texture, normals: Texture, *, early: bool, is_combined: bool) -> None:
         """Leave tiles out of later batches that lie in the middle of what is wholly lit, dark or background so far.
 
         positions, normals: of the latest eye G-buffer. Surfaces that meet or pass each other are looked up on. early: only tiles that have
-        nothing dark nearby.
+        nothing dark nearby. is_combined: how much light there is counts beside other lights'
         """
         rows, columns = self.tile_states.shape
         size = {"width": self.width, "height": self.height}
@@ -151,7 +162,14 @@ class PassAccumulator:
                 states=states,
                 **size,
             )
-            self.device.compute_kernel(SETTLE_TILES).dispatch_grid((columns, rows), states=states, tile_states=tile_states, **size)
+            self.device.compute_kernel(SETTLE_TILES).dispatch_grid(
+                (columns, rows),
+                round_sums=self.round_sums,
+                states=states,
+                tile_states=tile_states,
+                is_combined=int(is_combined),
+                **size,
+            )
             found = self.device.read(tile_states)
         if early:
             others = (found != STATE_LIT) & (found != STATE_BACKGROUND)
@@ -203,7 +221,20 @@ class PassAccumulator:
         sums = self.device.read(self.round_sums)
         tile_rounds = self._tile_rounds
         rounds = spread_to_pixels(tile_rounds, self.width, self.height).astype(np.float32)
-        return sums[..., 0] / rounds, sums[..., 1] / rounds, sums[..., 3] / rounds
+        light = self._settled_light()
+        return light * sums[..., 0] / rounds, light * sums[..., 1] / rounds, sums[..., 3] / rounds
+
+    def _settled_light(self) -> np.ndarray:
+        """(height, width) float32: what all rounds deliver over what the rounds in the sums do, of settled tiles as their probes tell.
+        In the combined pass lights lie beside each other that have had unlike shares of their samples."""
+        rows, columns = self.tile_states.shape
+        probed = self.device.read(self.probed_light)[..., :2].astype(np.float64).reshape(rows, PROBES_PER_ROW, columns, PROBES_PER_ROW, 2)
+        # where nothing was probed, as beyond the picture's edge, what the rest of the tile tells
+        known = np.where(probed[..., 1:] > 0, probed, probed.sum(axis=(1, 3), keepdims=True))
+        later = np.divide(known[..., 0], known[..., 1], out=np.ones(known.shape[:-1]), where=known[..., 1] > 0)
+        of_cells = 1 + self._late_share[:, None, :, None] * (later - 1)
+        light = np.einsum("ia,jb,yaxb->yixj", _CELLS_TO_PIXELS, _CELLS_TO_PIXELS, of_cells).reshape(rows * TILE_PX, columns * TILE_PX)
+        return light[: self.height, : self.width].astype(np.float32)
 
     def add_to(self, picture: Texture, weight: float, *, is_first: bool) -> None:
         """picture: of `COMBINE_PASSES`; `pass_image` says what it means"""
@@ -212,6 +243,7 @@ class PassAccumulator:
                 (self.width, self.height),
                 round_sums=self.round_sums,
                 tile_rounds=temporary.own(self._tile_rounds_texture()),
+                probed_light=self.probed_light,
                 picture=picture,
                 width=self.width,
                 height=self.height,
@@ -224,9 +256,14 @@ class PassAccumulator:
         """(rows, columns) rounds in the sums of every tile"""
         return np.where(self.looked_up, max(self.round_count, 1), self._settled_rounds)
 
+    @property
+    def _late_share(self) -> np.ndarray:
+        """(rows, columns) of all rounds, those that settled tiles were left out of"""
+        return 1 - self._tile_rounds / max(self.round_count, 1)
+
     def _tile_rounds_texture(self) -> Texture:
         texels = np.zeros((*self.tile_states.shape, 4), np.float32)
-        texels[..., 0] = self._tile_rounds
+        texels[..., 0], texels[..., 1] = self._tile_rounds, self._late_share
         return self.device.upload_texture(texels)
 
     def release(self) -> None:

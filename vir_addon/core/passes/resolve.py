@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
-from .accumulate import ROUND_SUMS_TEXT, SETTLED_DEFINES
+from .accumulate import PROBED_LIGHT_TEXT, ROUND_SUMS_TEXT, SETTLED_DEFINES
 from .shadow_maps import FACE_TABLE, MIXED_MAPS_FLAG, ORTHOGRAPHIC_FLAG, SAMPLES_TABLE, VIEWS_TABLE
 from .tiles import PROBES_FLAG, SIZE_CONSTANTS, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES
 
@@ -89,6 +89,7 @@ RESOLVE = ComputeDeclaration(
         "round_sums": Stored("RGBA32F", "read_write", ROUND_SUMS_TEXT),
         "batch_sums": Stored("RGBA32F", "read_write", "s and d of the faces of this round so far"),
         "disagreeing": Stored("R32UI", "write", "with PROBES: 1 for tiles of which a pixel is not as all of them were before"),
+        "probed_light": Stored("RGBA32F", "read_write", f"with PROBES: {PROBED_LIGHT_TEXT}"),
     },
     constants={
         **SIZE_CONSTANTS,

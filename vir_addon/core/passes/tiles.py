@@ -19,6 +19,7 @@ BAND_ROWS = 4
 PROBE_STEP_PX = 4
 """With the flag PROBES a kernel looks at one pixel in PROBE_STEP_PX x PROBE_STEP_PX only, at others in every batch."""
 PROBE_COUNT = PROBE_STEP_PX**2
+PROBES_PER_ROW = TILE_PX // PROBE_STEP_PX
 QUARTERS = ((0, 0), (1, 1), (1, 0), (0, 1))
 """of a square, those apart first"""
 SIZE_CONSTANTS = {"width": Constant("int", "of the picture, pixels"), "height": Constant("int", "of the picture, pixels")}
