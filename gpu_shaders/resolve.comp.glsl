@@ -178,6 +178,9 @@ int outline_of(int k, LookUp own, float z, bool is_round) {
 
 // What the point's own texel says. p: from the view's centre, face space; depth: what the map has there
 int sight(int k, vec3 p, vec3 normal_fs, float depth) {
+#ifdef SEALED
+    return HIDDEN;
+#endif
     if (facing_of(k, p, normal_fs) >= 0.0) {
         return HIDDEN;  // the surface itself is in the way
     }

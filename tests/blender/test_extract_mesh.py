@@ -8,7 +8,7 @@ bpy = pytest.importorskip("bpy")
 import bmesh  # noqa: E402  (bpy decides whether this file runs)
 
 from vir_addon.blender.extract.mesh import extract_mesh  # noqa: E402
-from vir_addon.blender.extract.mesh_topology import faces_outward, is_closed  # noqa: E402
+from vir_addon.core.mesh_topology import faces_outward, is_closed  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("scene")
 

@@ -24,6 +24,12 @@ from vir_addon.core.settings import PointStorage
 WIDTH, HEIGHT = 96, 54
 
 
+@pytest.fixture(autouse=True)
+def _maps_have_to_tell(monkeypatch):
+    """Of closed meshes the plan knows it (tests/core/test_enclosure.py); here it does not."""
+    monkeypatch.setattr("vir_addon.core.plan.sealing_object", lambda *_: None)
+
+
 def boxed_light(inside_out, light_turned=False):
     target = (0.4, 0.2, 0.0) if light_turned else (0.0, 0.0, 0.0)
     light = area_light(eye=(0.0, 0.0, 2.0), target=target, size_m=(0.5, 0.3))

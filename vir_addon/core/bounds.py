@@ -56,11 +56,14 @@ def cullable_instances(snapshot: SceneSnapshot, bounds: SceneBounds, eyes_ws: np
     as well. An eye inside (a lamp in its shade, a box around the light) sees only back faces: such instances keep both.
     """
     closed = np.array([mesh.is_closed for mesh in snapshot.meshes], bool)[snapshot.instances.mesh_index]
-    if eyes_ws is None:
-        return closed
+    return closed if eyes_ws is None else closed & stand_apart(snapshot, bounds, eyes_ws)
+
+
+def stand_apart(snapshot: SceneSnapshot, bounds: SceneBounds, places_ws: np.ndarray) -> np.ndarray:
+    """(instance_count,) bool: instances of whose boxes all of some places, (n, 3) world space, lie beyond one side: their hull does not
+    meet what is in the box."""
     box = bounds.mesh_bounds_os[snapshot.instances.mesh_index]
     object_from_world = np.linalg.inv(snapshot.instances.world_from_object.astype(np.float64))
-    eyes_os = np.einsum("nij,kj->nki", object_from_world[:, :3, :3], eyes_ws) + object_from_world[:, None, :3, 3]
-    # all eyes beyond one side of the box: their hull does not meet it
-    beyond = (eyes_os > box[:, None, 1]).all(axis=1) | (eyes_os < box[:, None, 0]).all(axis=1)
-    return closed & beyond.any(axis=1)
+    places_os = np.einsum("nij,kj->nki", object_from_world[:, :3, :3], places_ws) + object_from_world[:, None, :3, 3]
+    beyond = (places_os > box[:, None, 1]).all(axis=1) | (places_os < box[:, None, 0]).all(axis=1)
+    return beyond.any(axis=1)

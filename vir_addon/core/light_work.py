@@ -71,7 +71,7 @@ class LightFit:
 
 
 def fit_views(planned: PlannedPass, light: Light, plan: RenderPlan, scene_data: SceneData, receivers: Receivers) -> LightFit:
-    snapshot, light = scene_data.snapshot, _as_it_casts(light, scene_data)
+    snapshot, light = scene_data.snapshot, _as_it_casts(light, planned, scene_data)
     samples_m, taps = light_samples(light, planned.view_count), _taps(planned, light, plan)
     pixels = scene_data.eye_pixels if planned.method is Method.EPR else None
     searched_m = taps.samples_m if taps else None
@@ -187,7 +187,7 @@ class LightWork(Shared):
         snapshot = scene_data.snapshot
         self.has_pass, self.lights_reflections = has_pass, lights_reflections
         self.planned, self.plan, self.scene_data, self.store = planned, plan, scene_data, store
-        self.light = _as_it_casts(light, scene_data)
+        self.light = _as_it_casts(light, planned, scene_data)
         self.device = scene_data.device
         self.batches_done = 0
         self.is_between_batches = False
@@ -204,6 +204,8 @@ class LightWork(Shared):
             self.resolve_flags.append("ORTHOGRAPHIC")
         if self.light.is_spread_limited:
             self.resolve_flags.append("SPREAD")
+        if planned.is_sealed:
+            self.resolve_flags.append("SEALED")
         self.receivers = store.no_receivers
         with Owned() as owned:
             # kernels are bound to sums also where nothing is added
@@ -506,8 +508,11 @@ class LightWork(Shared):
         self._owned.close()
 
 
-def _as_it_casts(light: Light, scene_data: SceneData) -> Light:
-    return light if light.casts_shadow else replace(light, blockers=np.zeros(len(scene_data.snapshot.instances), bool))
+def _as_it_casts(light: Light, planned: PlannedPass, scene_data: SceneData) -> Light:
+    """Nothing casts for what needs no maps."""
+    if light.casts_shadow and not planned.is_sealed:
+        return light
+    return replace(light, blockers=np.zeros(len(scene_data.snapshot.instances), bool))
 
 
 def _taps(planned: PlannedPass, light: Light, plan: RenderPlan) -> LightTaps | None:

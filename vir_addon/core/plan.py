@@ -12,6 +12,7 @@ import numpy as np
 from ..device.interface import Device
 from . import cost
 from .bounds import SceneBounds, compute_bounds
+from .enclosure import sealing_object
 from .errors import SceneError, UsageError
 from .fit import fit_light
 from .pass_set import unique_pass_names
@@ -70,6 +71,8 @@ class PlannedPass:
     point_generation: PointGeneration = PointGeneration.COMPUTE
     needs_maps: bool = True
     """False: nothing can cast; surfaces are looked at for which way they face only"""
+    is_sealed: bool = False
+    """something closes around the light: what is in the picture gets none of it, for which no map is needed"""
     surface_value: float = 1.0
     predicted_ms: float = 0.0
     kept_map_bytes: int = 0
@@ -126,6 +129,8 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     if Effect.SHADOW in settings.effects:
         places_ws = _visible_places(snapshot.camera, bounds.corners_ws[in_picture])
         jobs = [_light_job(snapshot, light, names[light.name], settings, bounds, in_picture, places_ws) for light in lights]
+        # as seen in the picture: what reflectors show may be within what the camera sees from outside
+        jobs = [_if_sealed(snapshot, job, bounds) for job in jobs]
     reflections: PlannedReflections | None = None
     reflected_jobs: list[_LightJob] = []
     if Effect.REFLECTION in settings.effects:
@@ -195,8 +200,7 @@ def _reflected_light_job(
         job = _light_job(snapshot, light, pass_name, settings, bounds, everything, bounds.corners_ws.reshape(-1, 3))
         return job if job.skipped is None else None
     nowhere = np.zeros((0, 8, 3))
-    view_count = settings.view_count if light.has_size else 1
-    return _LightJob(light, pass_name, settings, view_count, None, nowhere, nowhere[:, 0], casts=False)
+    return _LightJob(light, pass_name, settings, _sample_count(light, settings), None, nowhere, nowhere[:, 0], casts=False)
 
 
 def settings_for(device: Device, settings: Settings) -> Settings:
@@ -308,10 +312,12 @@ class _LightJob:
     """(n, 3) of `_visible_places`"""
     casts: bool = True
     """False: lights what reflectors show, without shadows"""
+    sealed_by: str | None = None
+    """the object that closes around the light"""
 
     @property
     def is_filtered(self) -> bool:
-        return self.settings.method is Method.PCSS and self.light.has_size
+        return self.settings.method is Method.PCSS and self.light.has_size and self.sealed_by is None
 
 
 def _light_job(
@@ -329,9 +335,20 @@ def _light_job(
     refusal = _what_the_method_cannot_do(light, settings)
     if skipped is None and refusal is not None:
         raise UsageError(refusal)
-    wanted_count = settings.view_count if light.own_view_count is None else light.own_view_count
-    view_count = wanted_count if light.has_size and settings.method is not Method.PCSS else 1
+    view_count = _sample_count(light, settings) if settings.method is not Method.PCSS else 1
     return _LightJob(light, pass_name, settings, view_count, skipped, receiver_boxes, places_ws)
+
+
+def _sample_count(light: Light, settings: Settings) -> int:
+    if not light.has_size:
+        return 1
+    return settings.view_count if light.own_view_count is None else light.own_view_count
+
+
+def _if_sealed(snapshot: SceneSnapshot, job: _LightJob, bounds: SceneBounds) -> _LightJob:
+    sealed_by = sealing_object(snapshot, job.light, bounds) if job.skipped is None else None
+    # whatever the method: samples only weigh the light in the combined pass
+    return job if sealed_by is None else replace(job, sealed_by=sealed_by, view_count=_sample_count(job.light, job.settings))
 
 
 def _plan_lights(snapshot: SceneSnapshot, jobs: Sequence[_LightJob], bounds: SceneBounds, steps: _Steps) -> tuple[PlannedPass, ...]:
@@ -365,6 +382,21 @@ def _plan_light(snapshot: SceneSnapshot, job: _LightJob, bounds: SceneBounds, st
     sample_count = taps if is_filtered else view_count
     look_ups_ms = cost.resolve_ms(snapshot, settings, max(sample_count, round_count), round_count)
     reason = _describe(light) if light.has_size else f"{_describe(light)} without size: one view, a hard shadow"
+    if job.sealed_by is not None:
+        return PlannedPass(
+            light.name,
+            pass_name,
+            runs=True,
+            reason=(
+                f"{reason}; no map needed: {job.sealed_by!r} closes around it and lets none of its light into the picture "
+                f"(switch off the shadow of {job.sealed_by!r} if it should)"
+            ),
+            view_count=view_count,
+            map_resolution_px=settings.map_resolution_px,
+            needs_maps=False,
+            is_sealed=True,
+            predicted_ms=look_ups_ms,
+        )
     if not may_shadow(snapshot, light, bounds, job.receiver_boxes.reshape(-1, 3), sample_count):
         return PlannedPass(
             light.name,

@@ -320,7 +320,7 @@ class Renderer:
         serves_both = False
         if own is not None:
             with self.stopwatch.billed_to(own_ms, light.name):
-                if reflected is None:
+                if reflected is None or own.is_sealed:
                     fit = yield self.stopwatch.host_work("points", fit_places, own, *arguments, in_picture)
                 else:
                     fit, serves_both = yield self.stopwatch.host_work("points", fit_both, own, planned, *arguments, in_picture, reflected)

@@ -21,6 +21,7 @@ import numpy as np
 
 from .errors import UsageError
 from .material import Extension, Layer, Material, Rgb, World
+from .mesh_topology import parts_of, welded
 
 SAMPLED_TRIANGLES = 2048
 """of a mesh, for predictions: at most twice as many"""
@@ -101,6 +102,16 @@ class Mesh:
         perimeter = sum(np.linalg.norm(d, axis=1) for d in (b - a, c - b, a - c))
         order = np.argsort(perimeter)
         return area[order], perimeter[order]
+
+    @functools.cached_property
+    def welded_triangles(self) -> np.ndarray:
+        """(triangle_count, 3) int64: as `triangles`, of places instead of vertices, which may coincide."""
+        return welded(self.positions_os)[self.triangles]
+
+    @functools.cached_property
+    def part_of_triangle(self) -> np.ndarray:
+        """(triangle_count,) int64 below the number of vertices: equal for triangles that hang together, at vertices that coincide, too"""
+        return parts_of(self.welded_triangles, self.vertex_count)
 
     @functools.cached_property
     def flat_triangle_count(self) -> int:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from ...core.mesh_topology import has_outside
 from ...core.scene import Mesh
-from .mesh_topology import has_outside
 
 _BLOCK = 1 << 14
 """quads looked at together: temporaries stay in the cache"""

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
+from ...core.mesh_topology import has_outside
 from ...core.scene import Mesh
 from ..materials.opacity import MaterialOpacity
 from .corner_layers import read_material_slots, read_uvs
 from .mesh import ExtractedMesh
-from .mesh_topology import has_outside
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,8 @@ from .shadow_maps import DepthMaps
 
 GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
 BLOCK_PX = 16
-_OF_SPLATTED_MAPS = ("POINT_MAPS", "MIXED_MAPS", "SMALL_FACETS")
+_FLAGS_OF_OTHERS = ("POINT_MAPS", "MIXED_MAPS", "SMALL_FACETS", "SEALED")
+"""of maps that are splatted, and of lights without one"""
 
 PERCENTAGE_CLOSER = replace(
     RESOLVE,
@@ -45,7 +46,7 @@ PERCENTAGE_CLOSER = replace(
             "points of the light (face space; suns: unit directions): the search's and where it looks, the filter's and what they count",
         ),
     },
-    flags={name: text for name, text in RESOLVE.flags.items() if name not in _OF_SPLATTED_MAPS},
+    flags={name: text for name, text in RESOLVE.flags.items() if name not in _FLAGS_OF_OTHERS},
     defines={**{name: number for name, number in RESOLVE.defines.items() if name not in TOLERANCES}, "MAX_TAPS": MAX_TAPS},
 )
 

@@ -107,6 +107,7 @@ RESOLVE = ComputeDeclaration(
         "SPHERE": "with OMNI: from a sphere around its centre",
         "CONE": "with OMNI: into a spot's cone only",
         "SPREAD": "an area light's cone is narrower than what lies before it",
+        "SEALED": "something closes around the light: nothing sees it, without a map",
         "RECEIVER_LINKING": "leave out instances that the light does not illuminate",
         "MANY_FACES": "several faces share the directions",
         "POINT_MAPS": "the maps were splatted: undo the half texel by which that enlarges outlines",

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..bounds import SceneBounds
+from ..enclosure import distances_to_origin
 from ..passes.reflection_maps import MAP_SIZE_STEP_PX, ReflectionMap
 from ..scene import Camera, SceneSnapshot
 
@@ -29,8 +30,6 @@ NEAR_SHARE = 3e-3
 """of a reflector's size: so near to a map's centre nothing is looked for"""
 NEAR_OF_NEAREST = 0.9
 """of the smallest depth of anything that a view is to show"""
-NO_AREA = 1e-9
-"""of the square over a triangle's edge: less is rounding"""
 ROOM_SHARE = 0.75
 """of all directions, in which a reflector around the eye is seen: five walls of a room are more"""
 DIRECTION_CELLS, LARGE_AT_ONCE = 16, 1 << 10
@@ -430,24 +429,5 @@ def _inscribed_radius(snapshot: SceneSnapshot, own: np.ndarray, center_ws: np.nd
         # a triangle is nowhere nearer than its longest edge brings it
         longest_m = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
         a, b, c = np.moveaxis(triangles[corners_m[:, 0] - longest_m < nearest_m], 1, 0)
-        nearest_m = min(nearest_m, float(_distances_to_origin(a, b, c).min(initial=math.inf)))
+        nearest_m = min(nearest_m, float(distances_to_origin(a, b, c).min(initial=math.inf)))
     return nearest_m
-
-
-def _distances_to_origin(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """(n,) from the origin to triangles with (n, 3) corners"""
-
-    def to_segment(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-        along = end - start
-        share = np.clip(-(start * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-30), 0, 1)
-        return np.linalg.norm(start + share[:, None] * along, axis=1)
-
-    normal = np.cross(b - a, c - a)
-    length = np.linalg.norm(normal, axis=1)
-    sides = [np.einsum("ij,ij->i", np.cross(end - start, -start), normal) for start, end in ((a, b), (b, c), (c, a))]
-    # what has no area, as at a sphere's poles, has no plane
-    has_plane = length > NO_AREA * np.maximum(((b - a) ** 2).sum(axis=1), ((c - a) ** 2).sum(axis=1))
-    over = np.all(np.array(sides) >= 0, axis=0) & has_plane
-    plane = np.abs((a * normal).sum(axis=1)) / np.maximum(length, 1e-30)
-    edges = np.minimum(np.minimum(to_segment(a, b), to_segment(b, c)), to_segment(c, a))
-    return np.where(over, plane, edges)

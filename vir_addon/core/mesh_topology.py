@@ -1,4 +1,4 @@
-"""Is a triangle mesh closed, and do its faces look outwards? Answered without building an edge table."""
+"""Is a triangle mesh closed, do its faces look outwards, what hangs together? Answered without building an edge table."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def has_outside(positions: np.ndarray, triangles: np.ndarray) -> bool:
 def is_closed(triangles: np.ndarray, vertex_count: int) -> bool:
     """Is every directed edge met by its reverse as often as it occurs?
 
-    triangles: (triangle_count, 3) int32. Vertices that coincide without being shared do not close a surface.
+    triangles: (triangle_count, 3) of integers. Vertices that coincide without being shared do not close a surface.
 
     Every vertex a gets a random 64-bit number r(a); an edge from a to b counts r(a) r(b) (r(a) - r(b)), which is minus what its reverse
     counts, so the sum over a closed mesh is 0 modulo 2^64. Over any other mesh it is a polynomial in the random numbers that is not zero
@@ -67,6 +67,31 @@ def faces_outward(positions: np.ndarray, triangles: np.ndarray) -> bool:
     part = np.searchsorted(last_vertices, lows) if len(last_vertices) > 1 else np.zeros(len(lows), np.int64)
     volumes = np.bincount(part, weights=six_volumes)
     return bool((volumes[np.bincount(part) > 0] > 0).all())
+
+
+def welded(positions: np.ndarray) -> np.ndarray:
+    """(vertex_count,) int64: for each vertex the number of a place; the same for all that coincide exactly. positions: (vertex_count, 3)
+    float32. Places are told apart by 64-bit sums of random multiples of their bits. A fifth of a second for a million."""
+    bits = (positions + np.float32(0)).view(np.uint32).astype(np.uint64)  # -0 is 0
+    factors = np.random.default_rng(20221).integers(0, 1 << 63, 3, dtype=np.uint64) * np.uint64(2) + np.uint64(1)
+    sums = bits @ factors
+    return np.unique(sums ^ (sums >> np.uint64(29)), return_inverse=True)[1]
+
+
+def parts_of(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
+    """(triangle_count,) int64: equal for triangles that hang together by their vertices, and only for these. triangles: (triangle_count, 3)
+    of integers. Half a second for a million."""
+    # Each vertex follows the lowest that it is known to hang together with; those followed are asked for theirs, which halves all ways.
+    lowest = np.arange(vertex_count)
+    while True:
+        of_corners = lowest[triangles]
+        of_triangles = of_corners.min(axis=1)
+        if (of_corners == of_triangles[:, None]).all():
+            return of_triangles
+        for followed in of_corners.T:
+            np.minimum.at(lowest, followed, of_triangles)
+        while not np.array_equal(further := lowest[lowest], lowest):
+            lowest = further
 
 
 def _random_numbers(count: int) -> np.ndarray:

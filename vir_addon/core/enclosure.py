@@ -1,0 +1,166 @@
+"""What closes around a light: then none of it reaches what is seen from outside, and no map has to find that out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .bounds import SceneBounds, stand_apart
+from .mesh_topology import is_closed
+from .reach import light_casters
+from .scene import Camera, Light, LightShape, SceneSnapshot
+from .views import light_axes
+
+NO_AREA = 1e-9
+"""of the square over a triangle's edge: less is rounding"""
+RAYS = np.array([(0.1832, -0.2917, 1.0), (1.0, 0.2389, -0.1653)])
+"""directions in which no scene's edges run; their opposites are looked along, too"""
+LIGHT_MARGIN = 1e-4
+"""of a light's extent: what is nearer to it may touch it"""
+WINDOW_MARGIN = 0.1
+"""of the camera's window: pixel filters reach beyond it"""
+
+
+def sealing_object(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds) -> str | None:
+    """The name of an object that casts this light's shadow, closes around all of the light and has the camera outside; None if there is
+    none, or none that this can be told of: of open meshes, and of cut-outs, the maps tell."""
+    if light.shape is LightShape.SUN or not light.casts_shadow:
+        return None
+    instances, centre_ws = snapshot.instances, light.world_from_light[:3, 3]
+    is_around = ((bounds.corners_ws.min(axis=1) < centre_ws) & (bounds.corners_ws.max(axis=1) > centre_ws)).all(axis=1)
+    # what the eye sees through hides nothing of what is within
+    is_opaque = np.array([mesh.opacity_map is None for mesh in snapshot.meshes], bool)[instances.mesh_index]
+    candidates = np.intersect1d(np.flatnonzero(is_around & is_opaque & instances.visible_to_camera), light_casters(snapshot, light))
+    if not len(candidates):
+        return None
+    is_before_eye = stand_apart(snapshot, bounds, _places_of_eye(snapshot.camera))
+    sealing = (index for index in candidates[is_before_eye[candidates]] if _closes_around(snapshot, index, light))
+    found = next(sealing, None)
+    return None if found is None else instances.object_names[instances.object_index[found]]
+
+
+def _places_of_eye(camera: Camera) -> np.ndarray:
+    """(n, 3) world space: corners of the hull of all places from where the camera's rays start, and where clipping lets them begin"""
+    left, right, bottom, top = camera.window
+    x = np.array([left, right]) + WINDOW_MARGIN * (right - left) * np.array([-1, 1])
+    y = np.array([bottom, top]) + WINDOW_MARGIN * (top - bottom) * np.array([-1, 1])
+    corners = np.array([(u, v + camera.skew * u, -1.0) for u in x for v in y])
+    if camera.is_orthographic:
+        corners[:, 2] *= camera.clip_start_m
+    else:
+        corners = np.concatenate([corners * camera.clip_start_m, np.zeros((1, 3))])
+    return corners @ camera.world_from_view[:3, :3].T + camera.world_from_view[:3, 3]
+
+
+def _closes_around(snapshot: SceneSnapshot, instance: np.int64, light: Light) -> bool:
+    """Whether a closed part of an instance's mesh is all around the light."""
+    mesh = snapshot.meshes[snapshot.instances.mesh_index[instance]]
+    matrix = snapshot.instances.world_from_object[instance].astype(np.float64)
+    object_from_world = np.linalg.inv(matrix)
+    centre_os = object_from_world[:3, :3] @ light.world_from_light[:3, 3] + object_from_world[:3, 3]
+    crossings = []
+    for ray in RAYS:
+        crossings += _crossings(mesh.positions_os, mesh.triangles, centre_os, ray)
+        if not all(len(crossed) for crossed, _ in crossings):
+            return False  # light gets away along it
+    triangles, part = mesh.welded_triangles, mesh.part_of_triangle
+    windings = np.array([np.bincount(part[crossed], signs, minlength=mesh.vertex_count) for crossed, signs in crossings])
+    reach_os = _radius_m(light) * np.linalg.norm(object_from_world[:3, :3], axis=1)
+    near = _near(mesh.positions_os, mesh.triangles, centre_os, reach_os)
+    for around in np.flatnonzero((windings[0] != 0) & (windings == windings[0]).all(axis=0)):
+        corners_os = mesh.positions_os[mesh.triangles[near[part[near] == around]]] - centre_os
+        if is_closed(triangles[part == around], mesh.vertex_count) and not _meet_light(corners_os @ matrix[:3, :3].T, light):
+            return True
+    return False
+
+
+def _crossings(positions: np.ndarray, triangles: np.ndarray, origin: np.ndarray, ray: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Which triangles a ray crosses, and its opposite: (n,) int64 indices and (n,) float64, 1 where it comes from behind and -1 where it
+    comes from the front. positions: (vertex_count, 3) float32; ray: (3,), its longest component is 1. 20 ms for a million triangles.
+
+    Summed over a closed surface the signs are how often it winds around the origin, along any ray (its winding number)."""
+    main = int(np.argmax(ray))
+    axes = (main + 1) % 3, (main + 2) % 3  # right-handed with the ray
+
+    def across(axis: int) -> np.ndarray:
+        return positions[:, axis] - origin[axis] - ray[axis] * (positions[:, main] - origin[main])
+
+    x, y = across(axes[0]), across(axes[1])
+    # most lie wholly to one side of it
+    side = (x > 0).view(np.uint8) | (y > 0).view(np.uint8) << 1
+    a, b, c = side[triangles].T
+    near = np.flatnonzero((a | b | c) & ~(a & b & c) == 3)
+    corners = triangles[near]
+    x, y, along = x[corners], y[corners], positions[:, main][corners] - origin[main]
+    # twice the areas of the triangles that the origin makes with the sides, opposite of the corners
+    areas = np.stack([x[:, i] * y[:, j] - x[:, j] * y[:, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=1)
+    is_crossed = (areas > 0).all(axis=1) | (areas < 0).all(axis=1)
+    near, areas, along = near[is_crossed], areas[is_crossed], along[is_crossed]
+    signs = np.sign(areas[:, 0])
+    distance = (areas * along).sum(axis=1) * signs
+    return [(near[distance > 0], signs[distance > 0]), (near[distance < 0], -signs[distance < 0])]
+
+
+def _near(positions: np.ndarray, triangles: np.ndarray, centre: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """(n,) int64 triangles but for those that lie wholly beyond one side of a box."""
+    beyond = np.zeros(len(positions), np.uint8)
+    for axis in range(3):
+        offset = positions[:, axis] - centre[axis]
+        beyond |= (offset > reach[axis]).view(np.uint8) << 2 * axis | (offset < -reach[axis]).view(np.uint8) << 2 * axis + 1
+    a, b, c = beyond[triangles].T
+    return np.flatnonzero(a & b & c == 0)
+
+
+def _radius_m(light: Light) -> float:
+    """of a ball around it"""
+    half_m = light.size_x_m / 2, light.size_y_m / 2
+    return float(math.hypot(*half_m) if light.shape is LightShape.RECTANGLE else max(half_m)) * (1 + LIGHT_MARGIN)
+
+
+def _meet_light(corners_m: np.ndarray, light: Light) -> bool:
+    """Whether any of (n, 3, 3) triangles, from the light's centre along the world's axes, comes as near to the light as it reaches."""
+    near = corners_m[distances_to_origin(*np.moveaxis(corners_m, 1, 0)) <= _radius_m(light)]
+    if light.shape.is_omni or not len(near):
+        return len(near) > 0
+    half_m = np.array([light.size_x_m, light.size_y_m]) / 2 * (1 + LIGHT_MARGIN)
+    return _meet_rectangle(near @ light_axes(light).T, half_m)
+
+
+def _meet_rectangle(triangles: np.ndarray, half: np.ndarray) -> bool:
+    """Whether any of (n, 3, 3) triangles meets the rectangle |x| <= half[0], |y| <= half[1] of the plane z = 0."""
+    following = np.roll(triangles, -1, axis=1)
+    z, z_after = triangles[..., 2], following[..., 2]
+    crosses = (z <= 0) != (z_after <= 0)  # two sides of what lies on both sides of the plane
+    if ((z == 0).any(axis=1) & ~crosses.any(axis=1)).any():
+        return True  # touches the plane from below: it is not worth finding out where
+    after = crosses.any(axis=1)
+    share = np.divide(z, z - z_after, out=np.zeros_like(z), where=crosses)[..., None]
+    ends = (triangles + share * (following - triangles))[after][crosses[after]][:, :2].reshape(-1, 2, 2)
+    start, along = ends[:, 0], ends[:, 1] - ends[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bounds = np.stack([(-half - start) / along, (half - start) / along])
+    is_between = np.abs(start) <= half
+    # a segment along one side's direction is between its two lines all the way or nowhere
+    enters = np.where(along == 0, np.where(is_between, -np.inf, np.inf), bounds.min(axis=0)).max(axis=1)
+    leaves = np.where(along == 0, np.inf, bounds.max(axis=0)).min(axis=1)
+    return bool((np.maximum(enters, 0) <= np.minimum(leaves, 1)).any())
+
+
+def distances_to_origin(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """(n,) from the origin to triangles with (n, 3) corners"""
+
+    def to_segment(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+        along = end - start
+        share = np.clip(-(start * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-30), 0, 1)
+        return np.linalg.norm(start + share[:, None] * along, axis=1)
+
+    normal = np.cross(b - a, c - a)
+    length = np.linalg.norm(normal, axis=1)
+    sides = [np.einsum("ij,ij->i", np.cross(end - start, -start), normal) for start, end in ((a, b), (b, c), (c, a))]
+    # what has no area, as at a sphere's poles, has no plane
+    has_plane = length > NO_AREA * np.maximum(((b - a) ** 2).sum(axis=1), ((c - a) ** 2).sum(axis=1))
+    over = np.all(np.array(sides) >= 0, axis=0) & has_plane
+    plane = np.abs((a * normal).sum(axis=1)) / np.maximum(length, 1e-30)
+    edges = np.minimum(np.minimum(to_segment(a, b), to_segment(b, c)), to_segment(c, a))
+    return np.where(over, plane, edges)
