@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.ray_tracing import delivered, intersect, primary_surfaces, samples_in_world, world_triangles
-from tests.scenes import area_light, box, bumpy_sphere, camera_from_above, floor, perspective_camera, rectangle, snapshot
+from tests.scenes import area_light, box, bumpy_sphere, camera_from_above, floor, perspective_camera, point_light, rectangle, snapshot
 from vir_addon.core.bounds import compute_bounds
 from vir_addon.core.fit import _may_be_outermost, _tangent_bounds, _union, fit_light
 from vir_addon.core.reach import select_receivers
@@ -128,3 +128,40 @@ def test_few_points_decide_the_windows_of_a_small_light():
     rng = np.random.default_rng(1)
     points, eyes = rng.normal((0, 0, 5), (1, 1, 0.5), (8000, 3)), rng.uniform(-0.1, 0.1, (8, 3))
     assert _may_be_outermost(points, eyes, 0.01, (-1.2, 1.2, -1.2, 1.2)).mean() < 0.05
+
+
+def test_windows_reach_up_to_the_seams_of_a_cube():
+    """Of a large picture some pixels decide the windows. In a strip of floor that is seen through a narrow gap the last of them before a
+    seam may be some texels away from it, and what lies between was lit through a closed box."""
+    light = point_light(eye=(0.0, 0.0, 1.5), radius_m=0.1)
+    camera = perspective_camera((0.0, -9.0, 3.0), (0.0, 0.0, 0.0), 16, 9)
+    scene = snapshot([floor(9.0), box("around", (0.0, 0.0, 1.5), (0.4, 0.4, 0.4))], [light], camera, 16, 9)
+    samples_m = light_samples(light, 16)
+    # most of the picture shows the floor on this side; two columns of pixels go on to the other, across the seam at y = 1.5
+    positions, normals = np.zeros((2, 400, 302, 4))
+    normals[..., 2] = 1
+    x, y = np.meshgrid(np.linspace(-2, 2, 300), np.linspace(-4, -2, 400))
+    positions[:, :300, 0], positions[:, :300, 1] = x, y
+    positions[:, 300, 3] = positions[:, 301, 3] = -1
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        rows = np.sort(random.choice(400, 24, replace=False))
+        positions[:, 300:] = 0, 0, 0, -1
+        positions[rows, 300:] = 0
+        positions[rows, 300:, 0] = [0.7, 0.72]
+        positions[rows, 300:, 1] = np.linspace(0.6, 3.0, 24)[:, None]
+        receivers = select_receivers(positions, normals, light)
+        faces, is_cube = fit_light(scene, light, samples_m, compute_bounds(scene), receivers, 256)
+        assert is_cube
+        seen = positions[positions[..., 3] >= 0][:, :3]
+        for fitted in faces:
+            views = fitted.views
+            p_fs = (seen - light.world_from_light[:3, 3]) @ views.face.face_from_world.T
+            for view, centre in enumerate(views.centers_fs):
+                p = p_fs - centre
+                own = p[(p[:, 2] > 0) & (np.abs(p[:, :2]) <= p[:, 2:]).all(axis=1)]
+                texels = own[:, :2] / own[:, 2:] / views.texel_tangent - views.window_texels[view]
+                assert (texels >= 1).all() and (texels < np.array([views.map_width_px, views.map_height_px]) - 1).all(), (
+                    seed,
+                    views.face.name,
+                )

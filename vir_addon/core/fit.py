@@ -35,6 +35,8 @@ TEXELS_PER_EYE_PIXEL = 4.0
 SEARCH_TANGENT = 1.0
 """How much farther to the sides than its face a map reaches in which blockers are searched: a cube's faces overlap so far. What is beyond
 shadows nothing in it."""
+SEAM_TANGENT = 0.1
+"""How far before a cube's seam, and beyond it, receivers are looked for that may have others up to it between them."""
 MAX_PAIRS = 4_000_000
 """view-instance pairs evaluated exactly; beyond it all views share one window"""
 
@@ -184,6 +186,7 @@ def fit_face(
     centers_fs = samples_m @ light_axes(light) @ rotation.T
     hull_fs = (light_hull(light, samples_m) - center) @ rotation.T
     points = (receivers.points_ws - center) @ rotation.T
+    goes_on = _goes_on_beyond(points, face.limits)
     far_m = float(points[:, 2].max() - hull_fs[:, 2].min())
     if far_m <= 0:
         return None
@@ -214,7 +217,8 @@ def fit_face(
     outermost = points[_may_be_outermost(points, eyes, near_m, limits)]
     receiving, casting = np.ascontiguousarray(outermost.T)[:, None], np.ascontiguousarray(corners.transpose(2, 1, 0))
     for index, eye in enumerate(eyes):
-        received = _with_margin(_union(_tangent_bounds(receiving - eye[:, None, None], near_m, limits)), receivers.margin, limits)
+        received = _to_seams(_union(_tangent_bounds(receiving - eye[:, None, None], near_m, limits)), goes_on, limits)
+        received = _with_margin(received, receivers.margin, limits)
         from_eye = casting - eye[:, None, None]
         shadowing = _intersect(_tangent_bounds(from_eye, near_m, limits), received[:, None])
         depth = from_eye[2].min(axis=0)
@@ -231,6 +235,25 @@ def fit_face(
     windows[:, _is_empty(windows)] = 0
     views = fit_windows(face, centers_fs, samples_m, windows.T, resolution_px, near_m, far_m, center, finest_tangent=finest)
     return FittedFace(views, caster_indices[needed], seen[:, needed], float(nearest_m))
+
+
+def _goes_on_beyond(points: np.ndarray, limits: tuple[float, float, float, float]) -> np.ndarray:
+    """(4,) bool: whether there are receivers, (n, 3) face space, right beyond the left, right, bottom and top limit."""
+    before = points[points[:, 2] > 0]
+    tangents = before[:, :2] / before[:, 2:]
+    is_between = (tangents >= np.array(limits)[0::2]) & (tangents <= np.array(limits)[1::2])
+    found = []
+    for axis in (0, 1):
+        own, other = tangents[:, axis], is_between[:, 1 - axis]
+        low, high = limits[2 * axis], limits[2 * axis + 1]
+        found += [(other & (own < low) & (own > low - SEAM_TANGENT)).any(), (other & (own > high) & (own < high + SEAM_TANGENT)).any()]
+    return np.array(found)
+
+
+def _to_seams(bounds: np.ndarray, goes_on: np.ndarray, limits: tuple[float, float, float, float]) -> np.ndarray:
+    """Receivers are some of many pixels: where they go on beyond a limit, others lie between it and the last of them that is known."""
+    is_near = np.abs(bounds - limits) < SEAM_TANGENT
+    return np.where(goes_on & is_near & ~_is_empty(bounds), limits, bounds)
 
 
 def _with_margin(bounds: np.ndarray, margin: float, limits: tuple[float, float, float, float]) -> np.ndarray:

@@ -77,9 +77,10 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -
     if light.shape.is_omni:
         for face in omni_faces(light):
             p_fs = _along(face.face_from_world @ axes.T, p)
-            # as far to the sides as a single frustum reaches
-            before = np.flatnonzero((np.abs(p_fs[:, :2]) < MAX_SINGLE_FACE_TANGENT * p_fs[:, 2:]).all(axis=1))
-            chosen += [before[part] for part in _outermost(p_fs[before, :2] / p_fs[before, 2:], p_fs[before, 2])]
+            # as far to the sides as a face of a cube reaches, and as a single frustum does
+            for tangent in (1.0, MAX_SINGLE_FACE_TANGENT):
+                before = np.flatnonzero((np.abs(p_fs[:, :2]) < tangent * p_fs[:, 2:]).all(axis=1))
+                chosen += [before[part] for part in _outermost(p_fs[before, :2] / p_fs[before, 2:], p_fs[before, 2])]
     else:
         chosen += _outermost(p[:, :2] if light.shape is LightShape.SUN else p[:, :2] / p[:, 2:], p[:, 2])
     return Receivers(points[np.unique(np.concatenate(chosen))], margin)
