@@ -225,9 +225,10 @@ def measure(reflector_count: int, triangle_count: int, width_px: int, rounds: in
 
 
 def sweep(options: Options, device: Device) -> Iterator[dict[str, Any]]:
-    """epr with other numbers of points of the eye's pixel, from farther and nearer; and with more rays of each pixel."""
+    """epr with other numbers of points of the eye's pixel and of rays of each, from farther and nearer."""
     reflector_count, triangle_count, width_px = options.pick((20, 1_000_000, 320), (2, 20_000, 64))
-    choices = [(share, 1) for share in (0.25, 0.5, 1.0)] + [(0.5, count) for count in options.pick((4, 16), (2,))]
+    shares = options.pick((1 / 64, 1 / 16, 1 / 4, 1 / 2, 1.0), (0.25, 1.0))
+    choices = [(share, count) for count in options.pick((1, 4), (1, 2)) for share in shares]
     for distance_m in options.pick((12.0, 7.5, 5.0), (7.5,)):
         scene = scene_of(reflector_count, triangle_count, width_px, distance_m)
         reference = reference_of(reflector_count, triangle_count, width_px, device, distance_m=distance_m)
@@ -248,17 +249,19 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
     matplotlib.use("Agg")  # no display
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(figsize=(6, 4), layout="constrained")
-    for share, count in dict.fromkeys((row["share"], row["rays"]) for row in rows):
-        own = [row for row in rows if (row["share"], row["rays"]) == (share, count)]
-        label = f"{share:g} points of an eye's pixel, {count} {'ray' if count == 1 else 'rays'}"
-        axes.plot([row["total_cpu_ms"] for row in own], [row["rmse"] for row in own], marker="o", label=label)
-        for row in own:
-            axes.annotate(f"{row['cube_px']:.0f} px", (row["total_cpu_ms"], row["rmse"]), fontsize=7)
-    axes.set(title="epr by its density and rays of a pixel, cubes of several sizes", xlabel="processors, ms a frame", ylabel="RMSE")
-    axes.set_xscale("log")
-    axes.grid(which="both", alpha=0.3)
-    axes.legend(fontsize=8)
+    figure, panels = pyplot.subplots(1, 2, figsize=(10, 4), layout="constrained", sharex=True)
+    for distance_m, count in dict.fromkeys((row["distance_m"], row["rays"]) for row in rows):
+        own = [row for row in rows if (row["distance_m"], row["rays"]) == (distance_m, count)]
+        shares = [row["share"] for row in own]
+        label = f"eye {distance_m:g} m away, {count} {'ray' if count == 1 else 'rays'}"
+        panels[0].plot(shares, [row["rmse"] for row in own], marker="o", label=label)
+        panels[1].plot(shares, [row["samples"] for row in own], marker="o", label=label)
+    for axes, text in zip(panels, ("RMSE", "samples in the cloud"), strict=True):
+        axes.set(xlabel="epr's points of an eye's pixel (rho_scale)", ylabel=text)
+        axes.set_xscale("log", base=2)
+        axes.set_ylim(bottom=0.0)
+        axes.grid(which="both", alpha=0.3)
+    panels[0].legend(fontsize=8)
     figure.savefig(path, dpi=120)
     pyplot.close(figure)
 
