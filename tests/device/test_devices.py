@@ -55,6 +55,21 @@ def test_arrays_are_addressed_over_several_rows(device):
     np.testing.assert_array_equal(device.read(copied).reshape(-1, 4)[: len(rows)], rows)
 
 
+def test_long_kernels_fetch_what_short_ones_do(device_called):
+    device = device_called("moderngl")
+    rows = np.random.default_rng(3).random((70, 4), np.float32)
+    given = device.upload_array(rows)
+    short, long = (device.compute_kernel(each) for each in (COPY_FLOATS, dataclasses.replace(COPY_FLOATS, name="copy_long", is_long=True)))
+    assert short.bindings.fetches_from_images is device.is_software and not long.bindings.fetches_from_images
+    for kernel in (short, long):
+        copied = device.create_texture(given.width, given.height, TextureFormat.RGBA32F)
+        kernel.dispatch_linear(len(rows), given=given, copied=copied)
+        np.testing.assert_array_equal(device.read(copied).reshape(-1, 4)[: len(rows)], rows)
+    if device.is_software:
+        with pytest.raises(TypeError, match="given is declared as RGBA32F"):
+            short.dispatch_linear(1, given=device.create_texture(4, 1, TextureFormat.R32UI), copied=copied)
+
+
 def test_an_empty_array_is_still_a_texture(device):
     assert device.read(device.upload_array(np.zeros((0, 4), np.float32))).shape == (1, LINEAR_TEXTURE_WIDTH, 4)
 

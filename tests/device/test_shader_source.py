@@ -6,10 +6,10 @@ import re
 
 import pytest
 
-from tests.device.kernels import COLUMNS, ECHO, NUMBER_TRIANGLES, SHADERS
+from tests.device.kernels import ADD_COUNTS, COLUMNS, ECHO, NUMBER_TRIANGLES, SHADERS
 from vir_addon.core.errors import DeviceError
 from vir_addon.device import check_shaders, shader_source
-from vir_addon.device.declaration import ComputeDeclaration, Constant, Stored
+from vir_addon.device.declaration import ComputeDeclaration, Constant, Sampled, Stored
 
 
 @pytest.fixture
@@ -55,6 +55,17 @@ def test_flags_and_shared_numbers_become_defines():
     assert "#define SCALED 1" not in shader_source.opengl_compute(ECHO, []).splitlines()
     with pytest.raises(TypeError, match="unknown flags"):
         shader_source.opengl_compute(ECHO, ["SCALDE"])
+
+
+def test_textures_are_images_where_these_are_fetched_from_faster():
+    declared = ADD_COUNTS.textures["seen"], ADD_COUNTS.images["counts"]
+    assert [each.texture_format for each in declared] == ["R32UI", "R32UI"]
+    lines = shader_source.opengl_compute(ADD_COUNTS, []).splitlines()
+    assert "uniform usampler2D seen;" in lines and not any("imageLoad(name" in line for line in lines)
+    lines = shader_source.opengl_compute(ADD_COUNTS, [], fetches_from_images=True).splitlines()
+    assert "layout(r32ui, binding = 1) uniform readonly uimage2D seen;" in lines and not any("sampler2D" in line for line in lines)
+    assert "#define texelFetch(name, place, level) imageLoad(name, place)" in lines
+    assert [Sampled("usampler2D", "-", channel_count=2).texture_format, Sampled("sampler2D", "-").texture_format] == ["RG32UI", "RGBA32F"]
 
 
 def test_stages_agree_on_what_passes_between_them():

@@ -24,6 +24,15 @@ class Sampled:
     sampler: str
     """'sampler2D' or 'usampler2D'"""
     text: str
+    channel_count: int | None = None
+    """None: four, of a usampler2D one"""
+
+    @property
+    def texture_format(self) -> str:
+        """one of `interface.TextureFormat` values"""
+        if self.sampler == "sampler2D":
+            return "RGBA32F"
+        return "RG32UI" if self.channel_count == 2 else "R32UI"
 
 
 @dataclass(frozen=True)
@@ -99,6 +108,8 @@ class ComputeDeclaration(KernelDeclaration):
     source: str
     """file name in gpu_shaders/, or an absolute path"""
     local_size: tuple[int, int, int] = (64, 1, 1)
+    is_long: bool = False
+    """so that software rasterizers need a preview's patience to compile it: what runs faster and compiles slower is not for it"""
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ from .texture_pool import TexturePool
 MINIMUM_OPENGL = 430
 GL_COLOR = 0x1800
 GL_MAX_GEOMETRY_IMAGE_UNIFORMS = 0x90CD
+GL_MAX_COMPUTE_IMAGE_UNIFORMS = 0x91BD
 GEOMETRY_IMAGES = 2
 """that geometry shaders of this program store into; OpenGL guarantees none"""
 UNUSED_TEXTURES_BYTES = 512 << 20
@@ -104,13 +105,14 @@ class ModernglTarget(RenderTarget):
 class _Bindings:
     """Binds a declaration's names to one program; shared by compute and raster kernels. Runs on the device's thread."""
 
-    def __init__(self, device: ModernglDevice, declaration: KernelDeclaration, program: Any) -> None:
-        self.declaration = declaration
+    def __init__(self, device: ModernglDevice, declaration: KernelDeclaration, program: Any, fetches_from_images: bool = False) -> None:
+        self.declaration, self.fetches_from_images = declaration, fetches_from_images
         # the compiler drops names that a variant does not use; a program is slow to ask, and draws set constants one by one
         self.uniforms = {name: program[name] for name in program if name in declaration.binding_names}
         self.table_buffers = {name: device.context.buffer(reserve=16 * table.length) for name, table in declaration.tables.items()}
-        for unit, name in enumerate(declaration.textures):
-            self.set_constant(name, unit)
+        if not fetches_from_images:
+            for unit, name in enumerate(declaration.textures):
+                self.set_constant(name, unit)
 
     def set_constant(self, name: str, value: Any) -> None:
         uniform = self.uniforms.get(name)
@@ -119,8 +121,14 @@ class _Bindings:
 
     def bind(self, bindings: Mapping[str, Any]) -> None:
         self.declaration.check_bindings(bindings)
-        for unit, name in enumerate(self.declaration.textures):
-            bindings[name].handle.use(unit)
+        if self.fetches_from_images:
+            for slot, (name, texture) in enumerate(self.declaration.textures.items(), len(self.declaration.images)):
+                if bindings[name].format.value != texture.texture_format:
+                    raise TypeError(f"kernel {self.declaration.name}: {name} is declared as {texture.texture_format}")
+                bindings[name].handle.bind_to_image(slot, read=True, write=False)
+        else:
+            for unit, name in enumerate(self.declaration.textures):
+                bindings[name].handle.use(unit)
         for slot, (name, image) in enumerate(self.declaration.images.items()):
             bindings[name].handle.bind_to_image(slot, read=image.access != "write", write=True)
         for name, constant in self.declaration.constants.items():
@@ -138,10 +146,13 @@ class _Bindings:
 class ModernglComputeKernel(ComputeKernel):
     def __init__(self, device: ModernglDevice, declaration: ComputeDeclaration, flags: tuple[str, ...]) -> None:
         self.device, self.declaration = device, declaration
-        text = shader_source.opengl_compute(declaration, flags)
+        # Mesa's software rasterizer fetches from textures through a function that reads all channels, from images what is needed, in place
+        image_count = len(declaration.textures) + len(declaration.images)
+        fetches_from_images = device.is_software and not declaration.is_long and image_count <= device.compute_image_limit
+        text = shader_source.opengl_compute(declaration, flags, fetches_from_images)
         stages = {"compute_shader": (declaration.source, text)}
         self.shader = device.compile(declaration, stages, lambda: device.context.compute_shader(text))
-        self.bindings = _Bindings(device, declaration, self.shader)
+        self.bindings = _Bindings(device, declaration, self.shader, fetches_from_images)
 
     def dispatch(self, group_counts: tuple[int, int, int], /, **bindings: Any) -> None:
         self.device.run(self._dispatch, group_counts, bindings)
@@ -262,11 +273,15 @@ class ModernglDevice(Device):
         info = self.context.info
         self._describe(info["GL_RENDERER"], f"OpenGL {info['GL_VERSION']}")
         self.max_texture_size_px = int(info["GL_MAX_TEXTURE_SIZE"])
-        image_count = ctypes.c_int()
-        ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.POINTER(ctypes.c_int))(native.load("glGetIntegerv"))(
-            GL_MAX_GEOMETRY_IMAGE_UNIFORMS, ctypes.byref(image_count)
-        )
-        self.stores_from_geometry = image_count.value >= GEOMETRY_IMAGES
+        get_integer = ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.POINTER(ctypes.c_int))(native.load("glGetIntegerv"))
+
+        def limit(name: int) -> int:
+            value = ctypes.c_int()
+            get_integer(name, ctypes.byref(value))
+            return value.value
+
+        self.stores_from_geometry = limit(GL_MAX_GEOMETRY_IMAGE_UNIFORMS) >= GEOMETRY_IMAGES
+        self.compute_image_limit = limit(GL_MAX_COMPUTE_IMAGE_UNIFORMS)
         # moderngl clears with float colours only, which is undefined for unsigned textures; drawing or writing takes 4 to 7 times longer
         clear = ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_uint))
         self._clear_unsigned = clear(native.load("glClearBufferuiv"))

@@ -92,23 +92,32 @@ def prologue(declaration: KernelDeclaration, flags: Iterable[str]) -> str:
     return "\n".join([f"#define {flag} 1" for flag in sorted(flags)] + numbers) + "\n"
 
 
-def _opengl_resources(declaration: KernelDeclaration) -> list[str]:
-    lines = [f"uniform {texture.sampler} {name};" for name, texture in declaration.textures.items()]
+def _opengl_image(name: str, texture_format: str, slot: int, qualifier: str = "") -> str:
+    prefix = "u" if texture_format.endswith("UI") else ""
+    return f"layout({texture_format.lower()}, binding = {slot}) uniform {qualifier}{prefix}image2D {name};"
+
+
+def _opengl_resources(declaration: KernelDeclaration, fetches_from_images: bool = False) -> list[str]:
+    if fetches_from_images:
+        first_slot = len(declaration.images)
+        textures = enumerate(declaration.textures.items(), first_slot)
+        lines = [_opengl_image(name, texture.texture_format, slot, "readonly ") for slot, (name, texture) in textures]
+        lines.append("#define texelFetch(name, place, level) imageLoad(name, place)")
+    else:
+        lines = [f"uniform {texture.sampler} {name};" for name, texture in declaration.textures.items()]
     for slot, (name, image) in enumerate(declaration.images.items()):
-        layout = f"layout({image.texture_format.lower()}, binding = {slot})"
-        prefix = "u" if image.texture_format.endswith("UI") else ""
-        qualifier = "writeonly " if image.access == "write" else ""
-        lines.append(f"{layout} uniform {qualifier}{prefix}image2D {name};")
+        lines.append(_opengl_image(name, image.texture_format, slot, "writeonly " if image.access == "write" else ""))
     lines += [f"uniform {constant.glsl_type} {name};" for name, constant in declaration.constants.items()]
     for slot, (name, table) in enumerate(declaration.tables.items()):
         lines.append(f"layout(std140, binding = {slot}) uniform {name}_block {{ vec4 {name}[{table.length}]; }};")
     return lines
 
 
-def opengl_compute(declaration: ComputeDeclaration, flags: Iterable[str]) -> str:
+def opengl_compute(declaration: ComputeDeclaration, flags: Iterable[str], fetches_from_images: bool = False) -> str:
+    """fetches_from_images: textures are images as well, those after the declaration's own. What is fetched is the same."""
     x, y, z = declaration.local_size
     head = ["#version 430", f"layout(local_size_x = {x}, local_size_y = {y}, local_size_z = {z}) in;"]
-    return "\n".join([*head, prologue(declaration, flags), *_opengl_resources(declaration), load(declaration.source)]) + "\n"
+    return "\n".join([*head, prologue(declaration, flags), *_opengl_resources(declaration, fetches_from_images), load(declaration.source)]) + "\n"
 
 
 def opengl_raster(declaration: RasterDeclaration, flags: Iterable[str]) -> tuple[str, str]:

@@ -62,7 +62,7 @@ SURFACE = ComputeDeclaration(
     textures={
         **SCENE_TEXTURES,
         "corner_normals": Sampled("sampler2D", "three packed normals of every triangle of meshes that need them"),
-        "visibility": Sampled("usampler2D", "instance number + 1 and triangle number"),
+        "visibility": Sampled("usampler2D", "instance number + 1 and triangle number", channel_count=2),
         **TILE_TEXTURES,
     },
     images={

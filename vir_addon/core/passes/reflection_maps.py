@@ -50,7 +50,7 @@ REFLECTION_TEXELS = ComputeDeclaration(
     textures={
         **SCENE_TEXTURES,
         "map_headers": MAP_TEXTURES["map_headers"],
-        "visibility": Sampled("usampler2D", VISIBILITY_TEXT),
+        "visibility": Sampled("usampler2D", VISIBILITY_TEXT, channel_count=2),
     },
     images={"map_texels": Stored("RGBA32F", "write", MAP_TEXTURES["map_texels"].text)},
     constants={"map_number": MAP_NUMBER},
