@@ -42,36 +42,55 @@ void main() {
         edge_1 *= winding;
         edge_2 *= winding;
         twice_area *= winding;
-        vec2 first = (low + 0.5) * SUBTEXELS - at[0];
+        vec2 center = (low + 0.5) * SUBTEXELS - at[0];
         // barycentric weights of corners 1 and 2 times twice the area; they change by whole numbers from texel to texel
-        vec2 row = vec2(first.x * edge_2.y - first.y * edge_2.x, edge_1.x * first.y - edge_1.y * first.x);
+        vec2 first = vec2(center.x * edge_2.y - center.y * edge_2.x, edge_1.x * center.y - edge_1.y * center.x);
         vec2 step_x = SUBTEXELS * vec2(edge_2.y, -edge_1.y);
         vec2 step_y = SUBTEXELS * vec2(-edge_2.x, edge_1.x);
         vec2 rise = (linear.yz - linear.x) / twice_area;
         ivec2 texel = ivec2(low);
         ivec2 size = ivec2(high) - texel + 1;
-        vec2 weights = row;
-        int x = 0;
         int count = size.x * size.y;
         texel.y += view_first_row(k);
-        int i = 0;
+        float per_row = 1.0 / float(size.x);
+        vec2 row = first;
+        vec2 weights = row;
+        int x = 0;
+        int begin = 0;
+        // First which texels are covered, then their depths: software rasterizers go through the part with the memory as often as one of
+        // several triangles has texels, and few of those around a triangle are covered.
         do {
-            if (min(weights.x, weights.y) >= 0.0 && weights.x + weights.y <= twice_area) {
-                uint bits = floatBitsToUint(depth_of(linear.x + dot(rise, weights)));
-                ivec2 address = ivec2(texel.x + x, texel.y);
-                // much is hidden: looking first is cheaper than an atomic
-                if (imageLoad(depth_maps, address).x > bits) {
-                    imageAtomicMin(depth_maps, address, bits);
+            uint covered = 0u;
+            int i = 0;
+            do {
+                bool is_covered = min(min(weights.x, weights.y), twice_area - weights.x - weights.y) >= 0.0;
+                covered |= is_covered ? 1u << uint(i) : 0u;
+                x++;
+                weights += step_x;
+                if (x == size.x) {
+                    x = 0;
+                    row += step_y;
+                    weights = row;
                 }
-            }
-            x++;
-            weights += step_x;
-            if (x == size.x) {
-                x = 0;
-                row += step_y;
-                weights = row;
-                texel.y++;
-            }
-        } while (++i < count);
+                i++;
+            } while (i < 32 && begin + i < count);
+            do {
+                float number = float(begin + findLSB(covered));
+                float y = floor((number + 0.5) * per_row);
+                float column = number - y * float(size.x);
+                if (covered != 0u) {
+                    uint bits = floatBitsToUint(depth_of(linear.x + dot(rise, first + column * step_x + y * step_y)));
+                    ivec2 address = texel + ivec2(column, y);
+#ifdef LOOKS_FIRST
+                    if (imageLoad(depth_maps, address).x > bits)
+#endif
+                    {
+                        imageAtomicMin(depth_maps, address, bits);
+                    }
+                }
+                covered &= covered - 1u;
+            } while (covered != 0u);
+            begin += 32;
+        } while (begin < count);
     } while (k + 1 < view_count);
 }

@@ -85,6 +85,14 @@ def test_maps_are_those_of_the_hardware_rasterizer(device, name):
         assert apart.sum() <= 2e-4 * covered.sum() + 4 and deviating.sum() <= 1e-3 * covered.sum()
 
 
+def test_looking_at_a_texel_before_its_update_changes_no_map(device, monkeypatch):
+    assert device.is_software
+    maps, _ = maps_of_all_faces(made("leaves"), device, range(0, 8), method=Method.MICRO)
+    monkeypatch.setattr(device, "is_software", False)
+    others, _ = maps_of_all_faces(made("leaves"), device, range(0, 8), method=Method.MICRO)
+    np.testing.assert_array_equal(maps, others)
+
+
 def test_triangles_that_share_an_edge_leave_nothing_between_them(device):
     """Inside a finely tessellated sphere's outline no texel is empty, whatever the view."""
     (maps,), counts = maps_of_all_faces(made("sphere"), device, range(0, 8), method=Method.MICRO)

@@ -150,8 +150,9 @@ class MicroTriangleRasterization(ReplayMethod):
             self._rasterize_small(maps, batch, SKIP_FACING)
 
     def _rasterize_small(self, maps: DepthMaps, batch: dict[str, Any], skipped_facing: int) -> None:
+        looks_first = ["LOOKS_FIRST"] * (not self.device.is_software)
         for portion in self._gathered_portions():
-            self.device.compute_kernel(RASTERIZE_SMALL_TRIANGLES, *self.flags).dispatch_linear(
+            self.device.compute_kernel(RASTERIZE_SMALL_TRIANGLES, *self.flags, *looks_first).dispatch_linear(
                 portion.small_count,
                 gathered_triangles=self.triangles.texture,
                 depth_maps=maps.texture,

@@ -113,5 +113,9 @@ RASTERIZE_SMALL_TRIANGLES = ComputeDeclaration(
         "skipped_facing": Constant("float", "which to leave out: 0 what faces away from all views, 1 the others, -1 none"),
     },
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
-    flags={**ORTHOGRAPHIC_FLAG, "FRONT_FACE": FRONT_FACE},
+    flags={
+        **ORTHOGRAPHIC_FLAG,
+        "FRONT_FACE": FRONT_FACE,
+        "LOOKS_FIRST": "an atomic update only of what lies behind: software rasterizers pay more for the look",
+    },
 )
