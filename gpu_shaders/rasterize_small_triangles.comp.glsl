@@ -22,8 +22,10 @@ void main() {
     }
     // Loops that test at their end: software rasterizers go through those that test at their beginning once more than needed.
     int k = -1;
+    int first_row = -map_size.y;
     do {
         k++;
+        first_row += map_size.y;
         vec2 at[3];
         vec3 linear;
         for (int i = 0; i < 3; i++) {
@@ -51,7 +53,7 @@ void main() {
         ivec2 texel = ivec2(low);
         ivec2 size = ivec2(high) - texel + 1;
         int count = size.x * size.y;
-        texel.y += view_first_row(k);
+        texel.y += first_row;
         float per_row = 1.0 / float(size.x);
         vec2 row = first;
         vec2 weights = row;

@@ -99,14 +99,14 @@ float facing_of(int k, vec3 p, vec3 normal_fs) {
 // What the view's map has where a point lies, or at its edge. p: from the view's centre, face space.
 float depth_at(int k, vec3 p) {
     ivec2 texel = clamp(ivec2(floor(map_position(k, p))), ivec2(0), map_size - 1);
-    return stored_depth(texel + ivec2(0, view_first_row(k)));
+    return stored_depth(texel + ivec2(0, batch_first_row(k)));
 }
 
 // Of a point that lies in the view's map. p: from the view's centre, face space; depth: what the map has there
 LookUp look_up(int k, vec3 p, vec3 normal_fs, vec2 at, float depth) {
     LookUp own;
     ivec2 texel = ivec2(floor(at));
-    own.address = texel + ivec2(0, view_first_row(k));
+    own.address = texel + ivec2(0, batch_first_row(k));
     own.offset = at - vec2(texel) - 0.5;
     own.facing_step = normal_fs.xy * texel_tangent;
 #ifdef ORTHOGRAPHIC
@@ -160,7 +160,7 @@ int outline_of(int k, LookUp own, float z, bool is_round) {
         texel -= up;
         above += step_up;
     }
-    ivec2 low = ivec2(0, view_first_row(k));
+    ivec2 low = ivec2(0, batch_first_row(k));
     ivec2 high = low + map_size - 1;
     float nearer = z - stored_depth(clamp(texel, low, high));
     float below = z - stored_depth(clamp(texel - up, low, high));

@@ -10,7 +10,7 @@ bool hidden_from(int k, vec2 at, float depth, float kept_depth_footprints) {
     ivec2 texel = ivec2(floor(at));
     // a window that leaves it out says nothing about the windows of other views
     bool outside = depth <= near_m || any(lessThan(texel, ivec2(0))) || any(greaterThanEqual(texel, map_size));
-    ivec2 address = clamp(texel, ivec2(0), map_size - 1) + ivec2(0, view_first_row(k));
+    ivec2 address = clamp(texel, ivec2(0), map_size - 1) + ivec2(0, batch_first_row(k));
     float seen = uintBitsToFloat(texelFetch(depth_maps, address, 0).x);
     return !outside && depth > seen + kept_depth_footprints * footprint_at(depth);
 }

@@ -6,6 +6,8 @@
 // Views of a batch: table `views`, two rows each.
 #define view_center(k) (views[2 * (k)].xyz)
 #define view_first_row(k) (int(views[2 * (k)].w))
+// The same for kernels that have all views of a batch. Software rasterizers look a table up lane by lane, float by float.
+#define batch_first_row(k) ((k) * map_size.y)
 #define view_window(k) (views[2 * (k) + 1].xy)
 
 #ifdef ORTHOGRAPHIC

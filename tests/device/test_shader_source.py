@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 
 import pytest
@@ -62,10 +63,35 @@ def test_textures_are_images_where_these_are_fetched_from_faster():
     assert [each.texture_format for each in declared] == ["R32UI", "R32UI"]
     lines = shader_source.opengl_compute(ADD_COUNTS, []).splitlines()
     assert "uniform usampler2D seen;" in lines and not any("imageLoad(name" in line for line in lines)
-    lines = shader_source.opengl_compute(ADD_COUNTS, [], fetches_from_images=True).splitlines()
+    lines = shader_source.opengl_compute(ADD_COUNTS, [], for_software=True).splitlines()
     assert "layout(r32ui, binding = 1) uniform readonly uimage2D seen;" in lines and not any("sampler2D" in line for line in lines)
     assert "#define texelFetch(name, place, level) imageLoad(name, place)" in lines
     assert [Sampled("usampler2D", "-", channel_count=2).texture_format, Sampled("sampler2D", "-").texture_format] == ["RG32UI", "RGBA32F"]
+
+
+def test_rows_that_are_named_are_looked_up_once():
+    named = ECHO.tables["second_table"]
+    declared = dataclasses.replace(
+        ECHO, tables={"plain": ECHO.tables["first_table"], "named": dataclasses.replace(named, has_named_rows=True)}
+    )
+    added = {"vec4 named_rows[2] = vec4[](named[0], named[1]);", "#define named named_rows"}
+    assert added <= set(shader_source.opengl_compute(declared, [], for_software=True).splitlines())
+    assert not added & set(shader_source.opengl_compute(declared, []).splitlines())
+    assert "plain_rows" not in shader_source.opengl_compute(declared, [], for_software=True)
+
+
+def test_named_rows_are_named_by_number():
+    """An array that is asked for by anything else could not stay in registers."""
+    tables = {
+        (name, body)
+        for each in check_shaders.declarations()
+        for name in each.tables
+        for body in check_shaders.bodies(each)
+        if each.tables[name].has_named_rows
+    }
+    assert any("face[6]" in body for _, body in tables)
+    for name, body in tables:
+        assert not re.search(rf"\b{name}\[(?!\d+\])", body)
 
 
 def test_stages_agree_on_what_passes_between_them():

@@ -58,6 +58,8 @@ class Table:
 
     length: int
     text: str
+    has_named_rows: bool = False
+    """kernels ask for each row by a literal number"""
 
     def pack(self, name: str, rows: Any) -> bytes:
         """Rows as float32, padded with zeros to the declared length. TypeError, with `name`, when they do not fit."""

@@ -146,13 +146,12 @@ class _Bindings:
 class ModernglComputeKernel(ComputeKernel):
     def __init__(self, device: ModernglDevice, declaration: ComputeDeclaration, flags: tuple[str, ...]) -> None:
         self.device, self.declaration = device, declaration
-        # Mesa's software rasterizer fetches from textures through a function that reads all channels, from images what is needed, in place
         image_count = len(declaration.textures) + len(declaration.images)
-        fetches_from_images = device.is_software and not declaration.is_long and image_count <= device.compute_image_limit
-        text = shader_source.opengl_compute(declaration, flags, fetches_from_images)
+        for_software = device.is_software and not declaration.is_long and image_count <= device.compute_image_limit
+        text = shader_source.opengl_compute(declaration, flags, for_software)
         stages = {"compute_shader": (declaration.source, text)}
         self.shader = device.compile(declaration, stages, lambda: device.context.compute_shader(text))
-        self.bindings = _Bindings(device, declaration, self.shader, fetches_from_images)
+        self.bindings = _Bindings(device, declaration, self.shader, fetches_from_images=for_software)
 
     def dispatch(self, group_counts: tuple[int, int, int], /, **bindings: Any) -> None:
         self.device.run(self._dispatch, group_counts, bindings)

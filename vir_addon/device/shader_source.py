@@ -97,8 +97,8 @@ def _opengl_image(name: str, texture_format: str, slot: int, qualifier: str = ""
     return f"layout({texture_format.lower()}, binding = {slot}) uniform {qualifier}{prefix}image2D {name};"
 
 
-def _opengl_resources(declaration: KernelDeclaration, fetches_from_images: bool = False) -> list[str]:
-    if fetches_from_images:
+def _opengl_resources(declaration: KernelDeclaration, for_software: bool = False) -> list[str]:
+    if for_software:
         first_slot = len(declaration.images)
         textures = enumerate(declaration.textures.items(), first_slot)
         lines = [_opengl_image(name, texture.texture_format, slot, "readonly ") for slot, (name, texture) in textures]
@@ -110,14 +110,18 @@ def _opengl_resources(declaration: KernelDeclaration, fetches_from_images: bool 
     lines += [f"uniform {constant.glsl_type} {name};" for name, constant in declaration.constants.items()]
     for slot, (name, table) in enumerate(declaration.tables.items()):
         lines.append(f"layout(std140, binding = {slot}) uniform {name}_block {{ vec4 {name}[{table.length}]; }};")
+        if for_software and table.has_named_rows:
+            rows = ", ".join(f"{name}[{row}]" for row in range(table.length))
+            lines += [f"vec4 {name}_rows[{table.length}] = vec4[]({rows});", f"#define {name} {name}_rows"]
     return lines
 
 
-def opengl_compute(declaration: ComputeDeclaration, flags: Iterable[str], fetches_from_images: bool = False) -> str:
-    """fetches_from_images: textures are images as well, those after the declaration's own. What is fetched is the same."""
+def opengl_compute(declaration: ComputeDeclaration, flags: Iterable[str], for_software: bool = False) -> str:
+    """for_software: the same as Mesa's software rasterizer runs faster. Textures are images, those after the declaration's own; tables'
+    rows are looked up once, not wherever they are named."""
     x, y, z = declaration.local_size
-    head = ["#version 430", f"layout(local_size_x = {x}, local_size_y = {y}, local_size_z = {z}) in;"]
-    return "\n".join([*head, prologue(declaration, flags), *_opengl_resources(declaration, fetches_from_images), load(declaration.source)]) + "\n"
+    head = ["#version 430", f"layout(local_size_x = {x}, local_size_y = {y}, local_size_z = {z}) in;", prologue(declaration, flags)]
+    return "\n".join([*head, *_opengl_resources(declaration, for_software), load(declaration.source)]) + "\n"
 
 
 def opengl_raster(declaration: RasterDeclaration, flags: Iterable[str]) -> tuple[str, str]:

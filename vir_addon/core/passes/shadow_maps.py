@@ -31,6 +31,7 @@ FACE_TABLE = Table(
     13,
     "rows of face_from_world, texel size and map size, depths, light's axis and spread, inverse sizes and a sample's patch, radius and "
     "spot, light_from_world, right and up of a spot's cone",
+    has_named_rows=True,
 )
 VIEWS_TABLE = Table(
     2 * MAX_BATCH_VIEWS,
