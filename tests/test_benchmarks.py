@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from itertools import pairwise
 
 import pytest
 
@@ -13,11 +15,23 @@ from tests.benchmarks.__main__ import NAMES, states
 from tests.benchmarks.memory import forget_peak
 from tests.benchmarks.options import Options
 from tests.benchmarks.speed import Asked, verdict_rows
+from tests.benchmarks.timing import take_turns
 from vir_addon.core.plan import AUTO_METHODS
 from vir_addon.core.settings import Method
 
 QUICKEST = ("closed_surface", "growth_views")
 SPEED_SCENES = ("closed_surface", "model", "colonnade", "furnished_room", "forest")
+
+
+@pytest.mark.parametrize(("count", "rounds"), [(1, 3), (2, 2), (5, 10), (8, 8)])
+def test_nobody_always_follows_the_same_one(count, rounds):
+    done: list[int] = []
+    results = take_turns({str(job): lambda job=job: done.append(job) for job in range(count)}, rounds)
+    assert all(len(each) == rounds for each in results.values())
+    turns = [done[start : start + count] for start in range(0, len(done), count)]
+    assert all(sorted(turn) == list(range(count)) for turn in turns)
+    followers = Counter(pair for turn in turns for pair in pairwise(turn))
+    assert len(followers) == count * (count - 1) and len(set(followers.values())) <= 1
 
 
 @pytest.mark.parametrize("name", [name if name in QUICKEST else pytest.param(name, marks=pytest.mark.slow) for name in NAMES])
