@@ -454,10 +454,9 @@ class Renderer:
         combined = [np.zeros(shape, np.float64), np.zeros(shape, np.float64)]
         surface_share = self.surface_share_sum / max(self.batches_done, 1)
         with self.stopwatch.stage("read-back"):
-            for work in self.works:
-                if not work.has_pass:
-                    continue
-                shadowed, delivered, received_share = work.accumulator.read()
+            shown = [work for work in self.works if work.has_pass]
+            for work in shown:
+                shadowed, delivered, received_share = work.accumulator.read(is_combined=len(shown) > 1)
                 # a light's receivers need not be all surfaces
                 surface_share = np.maximum(surface_share, received_share)
                 images[work.planned.pass_name] = pass_image(shadowed, delivered, received_share)
@@ -467,7 +466,7 @@ class Renderer:
         for planned in self.plan.passes:
             if not planned.runs:
                 images[planned.pass_name] = (1 - surface_share * (1 - planned.surface_value)).astype(np.float32)
-        if any(work.has_pass for work in self.works):
+        if shown:
             images[COMBINED_PASS_NAME] = pass_image(combined[0], combined[1], surface_share)
         elif self.plan.passes:
             images[COMBINED_PASS_NAME] = np.ones(shape, np.float32)

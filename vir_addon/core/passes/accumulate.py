@@ -31,7 +31,7 @@ little of how much it is in the end."""
 STATE_MIXED, STATE_LIT, STATE_DARK, STATE_BACKGROUND = 1, 2, 4, 8
 """What a pass has found of a pixel or a tile so far: something between, always lit, never lit, always background."""
 _PROBED_AT = np.clip((np.arange(TILE_PX) + 0.5) / PROBE_STEP_PX - 0.5, 0, 1)
-_CELLS_TO_PIXELS = np.stack([1 - _PROBED_AT, _PROBED_AT], axis=1)
+_CELLS_TO_PIXELS = np.stack([1 - _PROBED_AT, _PROBED_AT], axis=1).astype(np.float32)
 """(TILE_PX, PROBES_PER_ROW): linear between the middles of a tile's two cells"""
 SETTLED_DEFINES = {"STATE_LIT": STATE_LIT, "STATE_DARK": STATE_DARK, "STATE_BACKGROUND": STATE_BACKGROUND}
 ROUND_SUMS_TEXT = "sums over rounds: shadowed s, delivered d, squared deviations of s from the ratio so far, surface samples"
@@ -216,25 +216,29 @@ class PassAccumulator:
         correction = self.round_count / (self.round_count - 1)
         return math.sqrt(correction * squared / count) if count else 0.0
 
-    def read(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(height, width) float32 each: shadowed, delivered (per round), and the share of eye samples that saw a surface"""
+    def read(self, *, is_combined: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(height, width) float32 each: shadowed, delivered (per round), and the share of eye samples that saw a surface. is_combined: how
+        much is delivered counts beside other lights', and is put right in settled tiles"""
         sums = self.device.read(self.round_sums)
         tile_rounds = self._tile_rounds
         rounds = spread_to_pixels(tile_rounds, self.width, self.height).astype(np.float32)
-        light = self._settled_light()
-        return light * sums[..., 0] / rounds, light * sums[..., 1] / rounds, sums[..., 3] / rounds
+        shadowed, delivered, surface_share = (sums[..., channel] / rounds for channel in (0, 1, 3))
+        if is_combined:
+            light = self._settled_light()
+            shadowed, delivered = light * shadowed, light * delivered
+        return shadowed, delivered, surface_share
 
     def _settled_light(self) -> np.ndarray:
         """(height, width) float32: what all rounds deliver over what the rounds in the sums do, of settled tiles as their probes tell.
         In the combined pass lights lie beside each other that have had unlike shares of their samples."""
         rows, columns = self.tile_states.shape
-        probed = self.device.read(self.probed_light)[..., :2].astype(np.float64).reshape(rows, PROBES_PER_ROW, columns, PROBES_PER_ROW, 2)
+        probed = self.device.read(self.probed_light)[..., :2].reshape(rows, PROBES_PER_ROW, columns, PROBES_PER_ROW, 2)
         # where nothing was probed, as beyond the picture's edge, what the rest of the tile tells
         known = np.where(probed[..., 1:] > 0, probed, probed.sum(axis=(1, 3), keepdims=True))
         later = np.divide(known[..., 0], known[..., 1], out=np.ones(known.shape[:-1]), where=known[..., 1] > 0)
-        of_cells = 1 + self._late_share[:, None, :, None] * (later - 1)
-        light = np.einsum("ia,jb,yaxb->yixj", _CELLS_TO_PIXELS, _CELLS_TO_PIXELS, of_cells).reshape(rows * TILE_PX, columns * TILE_PX)
-        return light[: self.height, : self.width].astype(np.float32)
+        of_cells = 1 + self._late_share.astype(np.float32)[:, None, :, None] * (later - 1)
+        in_rows = (of_cells @ _CELLS_TO_PIXELS.T).reshape(rows, PROBES_PER_ROW, columns * TILE_PX)
+        return (_CELLS_TO_PIXELS @ in_rows).reshape(rows * TILE_PX, -1)[: self.height, : self.width]
 
     def add_to(self, picture: Texture, weight: float, *, is_first: bool) -> None:
         """picture: of `COMBINE_PASSES`; `pass_image` says what it means"""
