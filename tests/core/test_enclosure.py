@@ -218,6 +218,22 @@ def test_a_sealed_light_weighs_in_the_combined_pass(device, method):
     assert np.abs(planned - images["planned"]["VIR Shadow Lamp"]).max() > 0.2
 
 
+@pytest.mark.parametrize("method", [Method.MVR, Method.PCSS])
+def test_a_sealed_light_leaves_the_steps_to_the_others(method):
+    """However many samples it would have: those that fit into the batches of the others weigh it. Alone it has as many batches as it would
+    have with maps."""
+    sealed, lamp = dataclasses.replace(LIGHTS["rectangle"], own_view_count=1024), point_light("Lamp", eye=(1.5, -1.0, 2.0), radius_m=0.1)
+    for resolution_px, batch_view_count, most in ((256, 8, 8), (256, 4, 4), (4096, 8, 2)):
+        settings = Settings(method=method, view_count=128, map_resolution_px=resolution_px, batch_view_count=batch_view_count)
+        alone, both, dark, mapped = (
+            plan(snapshot([floor(4.0), around], lights, CAMERA, WIDTH, HEIGHT), settings)
+            for around, lights in ((BOX, [lamp]), (BOX, [sealed, lamp]), (BOX, [sealed]), (slit(BOX), [sealed]))
+        )
+        assert both.has_same_steps(alone) and dark.has_same_steps(mapped)
+        key, other = both.passes
+        assert key.is_sealed and key.view_count == most * both.batch_count and other.view_count == alone.passes[0].view_count
+
+
 def test_what_reflectors_show_is_lit_as_before(device):
     """They may show what the camera does not see from outside: their light is looked up in maps."""
     scene = snapshot(

@@ -138,7 +138,9 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
         if reflections.runs:
             wanted = (_reflected_light_job(snapshot, light, names[light.name], settings, bounds) for light in snapshot.lights)
             reflected_jobs = [job for job in wanted if job is not None]
-    view_counts = [job.view_count for job in [*jobs, *reflected_jobs] if job.skipped is None]
+    running = [job for job in [*jobs, *reflected_jobs] if job.skipped is None]
+    # a light that needs no map takes the steps of those that do
+    view_counts = [job.view_count for job in [job for job in running if job.sealed_by is None] or running]
     needs_rounds = reflections is not None and reflections.runs
     has_passes = any(job.skipped is None for job in jobs)
     most_views = max(view_counts, default=0)
@@ -253,10 +255,13 @@ def _eye_samples_per_batch(most_views: int, batch_count: int, settings: Settings
     return max(min(math.ceil(MAX_EYE_SAMPLES / batch_count), views // MIN_EYE_SAMPLE_VIEWS), 1)
 
 
-def _least_batch_count(most_views: int, map_resolution_px: int, settings: Settings) -> int:
+def _most_batch_views(map_resolution_px: int, settings: Settings) -> int:
     """Eight maps of 1024^2 and 2048^2 a batch; larger maps in smaller batches, so that a batch stays below 128 MiB of depth."""
-    per_batch = max(1, min(MAX_BATCH_VIEWS, settings.batch_view_count, MAX_BATCH_VIEWS * 2048**2 // map_resolution_px**2))
-    return math.ceil(most_views / per_batch)
+    return max(1, min(MAX_BATCH_VIEWS, settings.batch_view_count, MAX_BATCH_VIEWS * 2048**2 // map_resolution_px**2))
+
+
+def _least_batch_count(most_views: int, map_resolution_px: int, settings: Settings) -> int:
+    return math.ceil(most_views / _most_batch_views(map_resolution_px, settings))
 
 
 def _light_batch_count(most_views: int, map_resolution_px: int, settings: Settings, only_reflects: bool) -> int:
@@ -346,9 +351,13 @@ def _sample_count(light: Light, settings: Settings) -> int:
 
 
 def _if_sealed(snapshot: SceneSnapshot, job: _LightJob, bounds: SceneBounds) -> _LightJob:
-    sealed_by = sealing_object(snapshot, job.light, bounds) if job.skipped is None else None
-    # whatever the method: samples only weigh the light in the combined pass
-    return job if sealed_by is None else replace(job, sealed_by=sealed_by, view_count=_sample_count(job.light, job.settings))
+    return replace(job, sealed_by=sealing_object(snapshot, job.light, bounds)) if job.skipped is None else job
+
+
+def _sealed_sample_count(light: Light, settings: Settings, batch_count: int) -> int:
+    """Whatever the method, samples only weigh the light in the combined pass: as many as there is room for in batches that others call
+    for."""
+    return min(_sample_count(light, settings), batch_count * _most_batch_views(settings.map_resolution_px, settings))
 
 
 def _plan_lights(snapshot: SceneSnapshot, jobs: Sequence[_LightJob], bounds: SceneBounds, steps: _Steps) -> tuple[PlannedPass, ...]:
@@ -378,6 +387,8 @@ def _plan_light(snapshot: SceneSnapshot, job: _LightJob, bounds: SceneBounds, st
             needs_maps=False,
         )
     is_filtered, (batch_count, round_count) = job.is_filtered, steps
+    if job.sealed_by is not None:
+        view_count = _sealed_sample_count(light, settings, batch_count)
     taps = round_count * max(settings.blocker_sample_count, settings.filter_sample_count)
     sample_count = taps if is_filtered else view_count
     look_ups_ms = cost.resolve_ms(snapshot, settings, max(sample_count, round_count), round_count)
