@@ -53,10 +53,12 @@ void add_to_pass(int turn, ivec2 pixel, bool surface, vec2 sums, vec4 before) {
         imageStore(batch_sums, pixel, vec4(sums, 0.0, 0.0));
         return;
     }
-    // rounds that the tile was left out of count as those before them
-    float repeats = own_tile().w;
-    if (surface || repeats != 1.0) {
-        before *= repeats;
+    // of a tile that was left out of rounds: by how much those add to the light before them; 0: it was left out of none
+    float growth = own_tile().w;
+    if (surface || growth > 0.0) {
+        if (growth > 0.0) {
+            before = vec4(before.xyz * growth, before.w > 0.0 ? float(rounds_before) : 0.0);
+        }
         // Welford's way, for a ratio: (s - R d) of the ratio R before this round times that of the one after it
         float squared = 0.0;
         if (before.y > 0.0) {

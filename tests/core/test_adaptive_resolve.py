@@ -7,6 +7,7 @@ from tests.core.test_micro_triangles import scene_named
 from tests.scenes import (
     area_light,
     box,
+    bumpy_sphere,
     floor,
     perspective_camera,
     point_light,
@@ -93,6 +94,26 @@ def test_combined_pass_weighs_what_few_samples_light(device, case):
     error = rmse(adaptive["VIR Shadow"], full["VIR Shadow"])
     print(f"{case}: {error:.5f}, {np.abs(adaptive['VIR Shadow'] - full['VIR Shadow']).max():.4f} at most")
     assert error <= 0.002
+
+
+def test_tiles_that_go_on_weigh_what_they_missed(device):
+    """Lamps among what they light, each with probes in the maps of several faces, and tiles that are looked up again."""
+    lights = [
+        point_light(name="Omni", eye=(0.3, 0.2, 1.6), radius_m=0.25, strength=20.0),
+        point_light(name="Low", eye=(-1.5, -1.0, 1.2), radius_m=0.2, strength=10.0),
+    ]
+    meshes = [
+        floor(4.0),
+        box("box", (1.2, 0.0, 0.5), (0.5, 0.4, 0.5)),
+        bumpy_sphere("ball", (-0.8, 0.5, 0.6), 0.5, 14),
+        box("high", (0.2, 0.3, 2.6), (0.4, 0.4, 0.1)),
+    ]
+    width, height = 480, 270
+    scene = snapshot(meshes, lights, perspective_camera((0.5, -5.0, 3.5), (0.0, 0.0, 0.4), width, height), width, height)
+    adaptive, full = both(scene, device, method=Method.MICRO, view_count=64, map_resolution_px=256)
+    error = rmse(adaptive["VIR Shadow"], full["VIR Shadow"])
+    print(f"{error:.5f}, {np.abs(adaptive['VIR Shadow'] - full['VIR Shadow']).max():.4f} at most")
+    assert error <= 0.0008
 
 
 def test_what_is_shown_is_what_is_read(device):

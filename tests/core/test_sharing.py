@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.device.test_memory import counted
-from tests.scenes import area_light, box, bumpy_sphere, floor, perspective_camera, render_batches, snapshot, sun_light
+from tests.scenes import area_light, box, bumpy_sphere, floor, perspective_camera, point_light, render_batches, snapshot, sun_light
 from vir_addon.core.plan import plan
 from vir_addon.core.render import Renderer
 from vir_addon.core.settings import Settings
@@ -88,6 +88,43 @@ def test_passes_are_those_of_a_renderer_made_from_nothing(device, from_nothing, 
             np.testing.assert_array_equal(image, from_nothing[change][name], err_msg=name)
         renderer.close()
         assert not holdings.live and not holdings.released_twice
+
+
+def passes_after(device, before, scene, batches_before):
+    """Of a renderer that takes over what it can from one of another scene, and the names of the lights that it takes over."""
+    with contextlib.closing(Renderer(before, plan(before, SETTINGS), device)) as previous:
+        device.run(previous.prepare)
+        for batch in range(batches_before):
+            device.run(previous.render_batch, batch)
+        renderer = Renderer(scene, plan(scene, SETTINGS), device, previous=previous)
+        shared = shared_parts(renderer, previous) - {"geometry", "scene data", "eye"}
+    with contextlib.closing(renderer):
+        device.run(renderer.prepare)
+        render_batches(renderer)
+        return renderer.read_passes(), shared
+
+
+def test_a_light_that_was_alone_settles_again_beside_others(device):
+    """Alone, how much it delivers counts nowhere; beside others it does, and what gets it unevenly goes on."""
+    lamp = point_light("Lamp", (-0.6, -0.8, 0.5), radius_m=0.3, strength=4.0)
+    alone, both = (snapshot(MESHES, lights, CAMERA, 96, 54) for lights in ([lamp], [lamp, KEY]))
+    passes, shared = passes_after(device, alone, both, SETTINGS.view_count // 8)
+    expected, _ = passes_after(device, both, both, 0)
+    assert not shared
+    for name, image in passes.items():
+        np.testing.assert_array_equal(image, expected[name], err_msg=name)
+    fewer, shared = passes_after(device, both, alone, SETTINGS.view_count // 8)
+    assert shared == {"Lamp"}
+    np.testing.assert_array_equal(fewer["VIR Shadow Lamp"], expected["VIR Shadow Lamp"])
+
+
+def test_a_sealed_light_is_taken_over(device):
+    sealed = area_light("Sealed", (-0.9, 0.3, 0.5), (-0.9, 0.3, 0.0), size_m=(0.2, 0.2))
+    before, scene = (snapshot(MESHES, [sealed, key], CAMERA, WIDTH, HEIGHT) for key in (KEY, MOVED_KEY))
+    assert [line.is_sealed for line in plan(scene, SETTINGS).passes] == [False, True]
+    passes, shared = passes_after(device, before, scene, 2)
+    assert shared == {"Sealed"}
+    assert set(np.unique(passes["VIR Shadow Sealed"])) == {0.0, 1.0}
 
 
 def test_what_stopped_within_a_batch_is_made_again(device, from_nothing):

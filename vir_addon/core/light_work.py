@@ -187,7 +187,8 @@ class LightWork(Shared):
         snapshot = scene_data.snapshot
         self.has_pass, self.lights_reflections = has_pass, lights_reflections
         self.planned, self.plan, self.scene_data, self.store = planned, plan, scene_data, store
-        self.light = _as_it_casts(light, planned, scene_data)
+        self.given_light, self.light = light, _as_it_casts(light, planned, scene_data)
+        """as the snapshot has it, and with what casts for it here"""
         self.device = scene_data.device
         self.batches_done = 0
         self.is_between_batches = False
@@ -335,9 +336,8 @@ class LightWork(Shared):
                 for part in range(len(eye.buffers)):
                     self._resolve(part, only_turn, {**self._round(eye, part, 0), **empty, **nothing})
         if self.has_pass and (self._may_settle(batch) or self._may_settle_early(batch)):
-            is_combined = sum(planned.runs for planned in self.plan.passes) > 1
             with stopwatch.stage("resolve"):
-                self.accumulator.settle(*eye.buffers[-1], early=not self._may_settle(batch), is_combined=is_combined)
+                self.accumulator.settle(*eye.buffers[-1], early=not self._may_settle(batch), is_combined=self.plan.is_combined)
         self._update_statistics()
         self.batches_done, self.is_between_batches = batch + 1, True
 
@@ -440,6 +440,7 @@ class LightWork(Shared):
             "round_sums": self.accumulator.round_sums,
             "disagreeing": self.accumulator.disagreeing,
             "probed_light": self.accumulator.probed_light,
+            "rounds_before": self.accumulator.rounds_before(part),
             "width": width,
             "height": height,
         }

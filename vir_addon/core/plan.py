@@ -106,6 +106,11 @@ class RenderPlan:
     reflected_lights: tuple[PlannedPass, ...] = ()
     """what lights surfaces that are seen in reflectors, shadows of all of the scene included; none where nothing reflects"""
 
+    @property
+    def is_combined(self) -> bool:
+        """Whether lights lie beside each other in the combined pass, so that it counts how much each delivers."""
+        return sum(planned.runs for planned in self.passes) > 1
+
     def has_same_steps(self, other: RenderPlan) -> bool:
         """Whether passes of both are made in the same batches, and with the same settings."""
         return (self.settings, self.batch_count, self.eye_samples_per_batch, self.eye_sample_count) == (

@@ -199,9 +199,12 @@ class Renderer:
         if previous.eye is not None and is_same_picture:
             self.eye = self._owned.own(previous.eye.share())
             self.eye.want_all()
+            if self.plan.is_combined and not previous.plan.is_combined:
+                return  # a light that was alone has settled where it would not beside others
             lights = {light.name: light for light in self.snapshot.lights}
             works = [work for work in previous.works if work.is_between_batches and work.planned in self.plan.passes]
-            self.works = [self._owned.own(work.share()) for work in works if is_same_light(work.light, lights[work.planned.light_name])]
+            same = [work for work in works if is_same_light(work.given_light, lights[work.planned.light_name])]
+            self.works = [self._owned.own(work.share()) for work in same]
 
     def _planned_lights(self) -> dict[str, PlannedPass]:
         """Light name -> how its maps are made: as what reflectors show needs them, where they show anything."""

@@ -25,7 +25,7 @@ EARLY_SETTLING_TILES = 2
 much ground or sky. Shadows that they miss are faint, and as a rule there is one nearby that they do not miss."""
 SETTLE_RADIUS_PX = 3
 """Filters reach 1.5 pixels, and penumbrae do not begin at once: within three pixels of anything else looking up goes on."""
-MAX_UNEVENNESS = 1.5
+MAX_UNEVENNESS = 2.0
 """Where places near each other get as much more light than others, at the rim of a spot or beside a lamp, the first light samples say
 little of how much it is in the end."""
 STATE_MIXED, STATE_LIT, STATE_DARK, STATE_BACKGROUND = 1, 2, 4, 8
@@ -36,8 +36,9 @@ _CELLS_TO_PIXELS = np.stack([1 - _PROBED_AT, _PROBED_AT], axis=1).astype(np.floa
 SETTLED_DEFINES = {"STATE_LIT": STATE_LIT, "STATE_DARK": STATE_DARK, "STATE_BACKGROUND": STATE_BACKGROUND}
 ROUND_SUMS_TEXT = "sums over rounds: shadowed s, delivered d, squared deviations of s from the ratio so far, surface samples"
 PROBED_LIGHT_TEXT = "sums over probes of settled tiles: light delivered, and what the rounds in the pixel's sums let expect"
+SETTLED_LIGHT_TEXT = "x: what all rounds deliver over what those in the sums do, of every probe's cell"
 SUMS_TEXTURES = {"round_sums": Sampled("sampler2D", ROUND_SUMS_TEXT)}
-TILE_ROUNDS_TEXTURES = {"tile_rounds": Sampled("sampler2D", "x: rounds in the sums of every tile, y: share of all rounds that came later")}
+TILE_ROUNDS_TEXTURES = {"tile_rounds": Sampled("sampler2D", "x: rounds in the sums of every tile")}
 
 PASS_ERROR = ComputeDeclaration(
     name="pass_error",
@@ -81,7 +82,7 @@ COMBINE_PASSES = ComputeDeclaration(
     text="adds a light's pass to a picture that stays on the device",
     source="combine_passes.comp.glsl",
     local_size=(8, 8, 1),
-    textures={**SUMS_TEXTURES, **TILE_ROUNDS_TEXTURES, "probed_light": Sampled("sampler2D", PROBED_LIGHT_TEXT)},
+    textures={**SUMS_TEXTURES, **TILE_ROUNDS_TEXTURES, "settled_light": Sampled("sampler2D", SETTLED_LIGHT_TEXT)},
     images={"picture": Stored("RGBA32F", "read_write", "shadowed and delivered light, and the share of eye samples that saw a surface")},
     constants={
         **SIZE_CONSTANTS,
@@ -102,15 +103,17 @@ class PassAccumulator:
         rows, columns = grid_shape(width, height)
         self.tile_states = np.zeros((rows, columns), np.uint32)
         """of settled tiles; 0: looked up"""
-        self._repeats = np.ones((1, rows, columns))
-        """how many rounds each round in a tile's sums stands for, once each of this batch's is through"""
+        self._growth = np.zeros((1, rows, columns))
+        """of each of a batch's rounds: of tiles that are looked up again from it on, what their sums grow by for the rounds that they
+        were left out of; otherwise 0"""
+        cells = PROBES_PER_ROW * rows, PROBES_PER_ROW * columns, 2
+        self._probed, self._probed_before = np.zeros(cells), np.zeros(cells)
+        """of `probed_light`, up to this batch: since the tile settled last, and before"""
         with Owned() as owned:
             self.round_sums = owned.own(device.upload_texture(zeros))
             self.disagreeing = owned.own(device.create_texture(columns, rows, TextureFormat.R32UI))
             """set by probes for settled tiles that are not what they were"""
-            self.probed_light = owned.own(
-                self.device.upload_texture(np.zeros((PROBES_PER_ROW * rows, PROBES_PER_ROW * columns, 4), np.float32))
-            )
+            self.probed_light = owned.own(self.device.upload_texture(np.zeros((*cells[:2], 4), np.float32)))
             tiles = (-(-width // ERROR_TILE_PX), -(-height // ERROR_TILE_PX))
             # made beforehand: errors are asked for when a render is closed, also one that ended because there is no memory
             self._error_sums = owned.own(device.create_texture(*tiles, TextureFormat.RGBA32F))
@@ -131,11 +134,19 @@ class PassAccumulator:
     def begin_batch(self, round_count: int) -> None:
         """round_count: how many eye samples of the picture the batch looks up"""
         self.round_count += round_count
-        self._repeats = np.ones((round_count, *self.tile_states.shape))
+        self._growth = np.zeros((round_count, *self.tile_states.shape))
+        if self.settling_count:
+            probed = self._read_probed()
+            self._probed_before = np.where(_spread_to_cells(self.looked_up)[..., None], probed, self._probed_before)
+            self._probed = probed - self._probed_before
+
+    def rounds_before(self, part: int) -> int:
+        """the batch's round with this number"""
+        return self.round_count - len(self._growth) + part
 
     def tiles_to_look_up(self, part: int, turns: np.ndarray) -> Tiles:
         """For RESOLVE, the batch's round with this number. turns: (rows, columns) as of TURN_DEFINES, -1 for tiles without one"""
-        return Tiles(self.device, self.looked_up & (turns >= 0), np.stack([turns, self._repeats[part]], axis=-1))
+        return Tiles(self.device, self.looked_up & (turns >= 0), np.stack([turns, self._growth[part]], axis=-1))
 
     def tiles_to_probe(self, wanted: np.ndarray, is_first_face: np.ndarray) -> Tiles:
         """Settled ones, for RESOLVE with PROBES. (rows, columns) bool each; is_first_face: whether no face before this one is seen in"""
@@ -184,14 +195,16 @@ class PassAccumulator:
     def reopen(self, skipped_count: int) -> np.ndarray:
         """Look tiles up again that the latest probes found changed, and those around them.
 
-        The rounds that they were left out of count as found by probes: as they were. skipped_count: rounds of this batch that the tiles
-        take no part in any more. Returns (rows, columns) bool, the tiles.
+        The rounds that they were left out of count as found by probes: as they were, with as much light as there was. skipped_count: rounds
+        of this batch that the tiles take no part in any more. Returns (rows, columns) bool, the tiles.
         """
         reopened = with_neighbours(self.device.read(self.disagreeing) > 0) & ~self.looked_up
         if reopened.any():
             self.tile_states = np.where(reopened, 0, self.tile_states).astype(np.uint32)
-            missed = self.round_count - len(self._repeats) + skipped_count
-            self._repeats[skipped_count, reopened] = missed / self._settled_rounds[reopened]
+            rows, columns = reopened.shape
+            of_tiles = self._probed.reshape(rows, PROBES_PER_ROW, columns, PROBES_PER_ROW, 2).sum(axis=(1, 3))
+            rounds = self.rounds_before(skipped_count) / self._settled_rounds[reopened]
+            self._growth[skipped_count, reopened] = 1 + (rounds - 1) * _later_light(of_tiles)[reopened]
         return reopened
 
     @property
@@ -228,16 +241,29 @@ class PassAccumulator:
             shadowed, delivered = light * shadowed, light * delivered
         return shadowed, delivered, surface_share
 
-    def _settled_light(self) -> np.ndarray:
-        """(height, width) float32: what all rounds deliver over what the rounds in the sums do, of settled tiles as their probes tell.
-        In the combined pass lights lie beside each other that have had unlike shares of their samples."""
+    def _read_probed(self) -> np.ndarray:
+        """(rows of cells, columns of cells, 2) as `probed_light`"""
+        return self.device.read(self.probed_light)[..., :2].astype(np.float64)
+
+    def _settled_light_of_cells(self) -> np.ndarray:
+        """(rows of cells, columns of cells) float32 as SETTLED_LIGHT_TEXT says. In the combined pass lights lie beside each other that have
+        had unlike shares of their samples."""
         rows, columns = self.tile_states.shape
-        probed = self.device.read(self.probed_light)[..., :2].reshape(rows, PROBES_PER_ROW, columns, PROBES_PER_ROW, 2)
+        if not self.settling_count:
+            return np.ones(self._probed.shape[:2], np.float32)
+        probed = (self._read_probed() - self._probed_before).reshape(rows, PROBES_PER_ROW, columns, PROBES_PER_ROW, 2)
         # where nothing was probed, as beyond the picture's edge, what the rest of the tile tells
         known = np.where(probed[..., 1:] > 0, probed, probed.sum(axis=(1, 3), keepdims=True))
-        later = np.divide(known[..., 0], known[..., 1], out=np.ones(known.shape[:-1]), where=known[..., 1] > 0)
-        of_cells = 1 + self._late_share.astype(np.float32)[:, None, :, None] * (later - 1)
-        in_rows = (of_cells @ _CELLS_TO_PIXELS.T).reshape(rows, PROBES_PER_ROW, columns * TILE_PX)
+        # of all rounds, those that settled tiles were left out of
+        late_share = 1 - self._tile_rounds / max(self.round_count, 1)
+        light = 1 + late_share[:, None, :, None] * (_later_light(known) - 1)
+        return light.reshape(self._probed.shape[:2]).astype(np.float32)
+
+    def _settled_light(self) -> np.ndarray:
+        """(height, width) float32, linear between the middles of a tile's cells"""
+        rows, columns = self.tile_states.shape
+        cells = self._settled_light_of_cells().reshape(-1, columns, PROBES_PER_ROW)
+        in_rows = (cells @ _CELLS_TO_PIXELS.T).reshape(rows, PROBES_PER_ROW, columns * TILE_PX)
         return (_CELLS_TO_PIXELS @ in_rows).reshape(rows * TILE_PX, -1)[: self.height, : self.width]
 
     def add_to(self, picture: Texture, weight: float, *, is_first: bool) -> None:
@@ -247,7 +273,7 @@ class PassAccumulator:
                 (self.width, self.height),
                 round_sums=self.round_sums,
                 tile_rounds=temporary.own(self._tile_rounds_texture()),
-                probed_light=self.probed_light,
+                settled_light=temporary.own(self._settled_light_texture()),
                 picture=picture,
                 width=self.width,
                 height=self.height,
@@ -260,18 +286,28 @@ class PassAccumulator:
         """(rows, columns) rounds in the sums of every tile"""
         return np.where(self.looked_up, max(self.round_count, 1), self._settled_rounds)
 
-    @property
-    def _late_share(self) -> np.ndarray:
-        """(rows, columns) of all rounds, those that settled tiles were left out of"""
-        return 1 - self._tile_rounds / max(self.round_count, 1)
-
     def _tile_rounds_texture(self) -> Texture:
         texels = np.zeros((*self.tile_states.shape, 4), np.float32)
-        texels[..., 0], texels[..., 1] = self._tile_rounds, self._late_share
+        texels[..., 0] = self._tile_rounds
         return self.device.upload_texture(texels)
+
+    def _settled_light_texture(self) -> Texture:
+        light = self._settled_light_of_cells()
+        return self.device.upload_texture(np.stack([light, *3 * [np.zeros_like(light)]], axis=-1))
 
     def release(self) -> None:
         self._owned.close()
+
+
+def _spread_to_cells(grid: np.ndarray) -> np.ndarray:
+    """(rows, columns) values of tiles -> those of their cells"""
+    return grid.repeat(PROBES_PER_ROW, axis=0).repeat(PROBES_PER_ROW, axis=1)
+
+
+def _later_light(probed: np.ndarray) -> np.ndarray:
+    """(...) of (..., 2) sums of PROBED_LIGHT_TEXT: what rounds deliver that are not in a tile's sums over what those in it do; 1 where that
+    is not known"""
+    return np.divide(probed[..., 0], probed[..., 1], out=np.ones(probed.shape[:-1]), where=probed[..., 1] > 0)
 
 
 def pass_image(shadowed: np.ndarray, delivered: np.ndarray, surface_share: np.ndarray) -> np.ndarray:

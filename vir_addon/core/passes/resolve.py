@@ -95,6 +95,7 @@ RESOLVE = ComputeDeclaration(
         **SIZE_CONSTANTS,
         **TILE_CONSTANTS,
         **LOOKED_UP_VIEWS,
+        "rounds_before": Constant("int", "rounds of the picture before this one"),
         "map_face": Constant("int", "number of the face that the maps are of; with MANY_FACES"),
         "face_mask": Constant(
             "int", "faces that this dispatch looks up: that of the maps and, in the first, all without casters; MANY_FACES"

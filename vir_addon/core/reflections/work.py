@@ -197,7 +197,7 @@ class ReflectionWork:
     def lit_tiles(self, turn: int) -> Tiles:
         """The same tiles for RESOLVE. turn: as of TURN_DEFINES"""
         if turn not in self._lit_tiles:
-            numbers = np.broadcast_to((float(turn), 1.0), (*self.tiles_shown.shape, 2))
+            numbers = np.broadcast_to((float(turn), 0.0), (*self.tiles_shown.shape, 2))
             self._lit_tiles[turn] = self._owned.own(Tiles(self.device, self.tiles_shown, numbers))
         return self._lit_tiles[turn]
 
