@@ -28,14 +28,15 @@ def sealing_object(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds) -
     if light.shape is LightShape.SUN or not light.casts_shadow:
         return None
     instances, centre_ws = snapshot.instances, light.world_from_light[:3, 3]
-    is_around = ((bounds.corners_ws.min(axis=1) < centre_ws) & (bounds.corners_ws.max(axis=1) > centre_ws)).all(axis=1)
+    low_ws, high_ws = bounds.extents_ws
+    is_around = ((low_ws < centre_ws[:, None]) & (high_ws > centre_ws[:, None])).all(axis=0)
+    is_caster = np.zeros(len(instances), bool)
+    is_caster[light_casters(snapshot, light)] = True
+    candidates = np.flatnonzero(is_around & is_caster & instances.visible_to_camera)
     # what the eye sees through hides nothing of what is within
-    is_opaque = np.array([mesh.opacity_map is None for mesh in snapshot.meshes], bool)[instances.mesh_index]
-    candidates = np.intersect1d(np.flatnonzero(is_around & is_opaque & instances.visible_to_camera), light_casters(snapshot, light))
-    if not len(candidates):
-        return None
-    is_before_eye = stand_apart(snapshot, bounds, _places_of_eye(snapshot.camera))
-    sealing = (index for index in candidates[is_before_eye[candidates]] if _closes_around(snapshot, index, light))
+    candidates = candidates[[snapshot.meshes[mesh].opacity_map is None for mesh in instances.mesh_index[candidates]]]
+    is_before_eye = stand_apart(snapshot, bounds, _places_of_eye(snapshot.camera), candidates)
+    sealing = (index for index in candidates[is_before_eye] if _closes_around(snapshot, index, light))
     found = next(sealing, None)
     return None if found is None else instances.object_names[instances.object_index[found]]
 
