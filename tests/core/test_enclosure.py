@@ -235,27 +235,27 @@ def test_a_sealed_light_leaves_the_steps_to_the_others(method):
 
 
 def test_what_reflectors_show_is_lit_as_before(device):
-    """They may show what the camera does not see from outside: their light is looked up in maps."""
+    """They may show what the camera does not see from outside: a mirror that does not show the box shows what is lit within."""
+    inner = box("inner", (0.25, 0.1, 0.1), (0.05, 0.05, 0.1))
     scene = snapshot(
-        [floor(4.0), BOX, rectangle("mirror", (-2, 2, 0), (4, 0, 0), (0, 0, 2))],
+        [floor(4.0), BOX, inner, rectangle("mirror", (-2, 2, 0), (4, 0, 0), (0, 0, 2))],
         [LIGHTS["rectangle"], area_light("Above")],
         CAMERA,
         WIDTH,
         HEIGHT,
-        materials=[matte(), matte(), mirror()],
+        materials=[matte(), matte(), matte(), mirror()],
         world=World(),
     )
-    passes = render_passes(scene, device, effects=(Effect.SHADOW, Effect.REFLECTION), view_count=8, map_resolution_px=256)
-    assert set(np.unique(passes["VIR Shadow Key"])) == {0.0, 1.0}
-    dark = render_passes(
-        dataclasses.replace(scene, lights=scene.lights[:1]),
-        device,
-        effects=(Effect.SHADOW, Effect.REFLECTION),
-        view_count=8,
-        map_resolution_px=256,
-    )
-    assert passes["VIR Reflection"].max() > 0.05
-    np.testing.assert_allclose(passes["VIR Reflection"], dark["VIR Reflection"], atol=1e-3)
+    hidden = dataclasses.replace(scene.instances, visible_in_reflections=np.array([True, False, True, True]))
+    dark, lit = {}, {}
+    for name, shown in (("with the box", scene), ("without", dataclasses.replace(scene, instances=hidden))):
+        arguments = {"effects": (Effect.SHADOW, Effect.REFLECTION), "view_count": 8, "map_resolution_px": 256}
+        lit[name] = render_passes(shown, device, **arguments)
+        dark[name] = render_passes(dataclasses.replace(shown, lights=shown.lights[:1]), device, **arguments)["VIR Reflection"]
+        assert set(np.unique(lit[name]["VIR Shadow Key"])) == {0.0, 1.0}
+        assert dark[name].max() > 0.05
+    np.testing.assert_allclose(lit["with the box"]["VIR Reflection"], dark["with the box"], atol=1e-3)
+    assert (lit["without"]["VIR Reflection"] - dark["without"]).max() > 1
 
 
 def test_an_orthographic_camera_is_outside_of_what_is_wholly_below_it():
