@@ -70,19 +70,19 @@ def faces_outward(positions: np.ndarray, triangles: np.ndarray) -> bool:
 
 
 def welded(positions: np.ndarray) -> np.ndarray:
-    """(vertex_count,) int64: for each vertex the number of a place; the same for all that coincide exactly. positions: (vertex_count, 3)
+    """(vertex_count,) int32: for each vertex the number of a place; the same for all that coincide exactly. positions: (vertex_count, 3)
     float32. Places are told apart by 64-bit sums of random multiples of their bits. A fifth of a second for a million."""
     bits = (positions + np.float32(0)).view(np.uint32).astype(np.uint64)  # -0 is 0
     factors = np.random.default_rng(20221).integers(0, 1 << 63, 3, dtype=np.uint64) * np.uint64(2) + np.uint64(1)
     sums = bits @ factors
-    return np.unique(sums ^ (sums >> np.uint64(29)), return_inverse=True)[1]
+    return np.unique(sums ^ (sums >> np.uint64(29)), return_inverse=True)[1].astype(np.int32)
 
 
 def parts_of(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
-    """(triangle_count,) int64: equal for triangles that hang together by their vertices, and only for these. triangles: (triangle_count, 3)
+    """(triangle_count,) int32: equal for triangles that hang together by their vertices, and only for these. triangles: (triangle_count, 3)
     of integers. Half a second for a million."""
     # Each vertex follows the lowest that it is known to hang together with; those followed are asked for theirs, which halves all ways.
-    lowest = np.arange(vertex_count)
+    lowest = np.arange(vertex_count, dtype=np.int32)
     while True:
         of_corners = lowest[triangles]
         of_triangles = of_corners.min(axis=1)

@@ -105,12 +105,12 @@ class Mesh:
 
     @functools.cached_property
     def welded_triangles(self) -> np.ndarray:
-        """(triangle_count, 3) int64: as `triangles`, of places instead of vertices, which may coincide."""
+        """(triangle_count, 3) int32: as `triangles`, of places instead of vertices, which may coincide."""
         return welded(self.positions_os)[self.triangles]
 
     @functools.cached_property
     def part_of_triangle(self) -> np.ndarray:
-        """(triangle_count,) int64 below the number of vertices: equal for triangles that hang together, at vertices that coincide, too"""
+        """(triangle_count,) int32 below the number of vertices: equal for triangles that hang together, at vertices that coincide, too"""
         return parts_of(self.welded_triangles, self.vertex_count)
 
     @functools.cached_property
