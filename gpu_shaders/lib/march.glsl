@@ -199,8 +199,8 @@ const int FIRST_FURTHER = 3 + OWN_CUBES * (1 + FURTHER_MAPS);  // of the turns b
 
 // What a ray meets that begins at a reflector, or at what this shows: by its first map, by that beside it where the ray leaves the first or
 // comes to what is hidden there, and by that of the reflector itself; -1: none. What these do not know others may: cubes of this and of other
-// reflectors alone, from which nothing else hides them; and where the ray is hidden, or the reflector is not convex, what is around other
-// reflectors. What is met there exactly is there, and the nearest of it counts. Two of the latter, neither of which sees all that stands
+// reflectors alone, from which nothing else hides them; and where the ray is hidden, or the eye sees the reflector's hollows, what is around
+// other reflectors. What is met there exactly is there, and the nearest of it counts. Two of the latter, neither of which sees all that stands
 // there, that both see nothing in a direction, show that there is nothing.
 Found follow_through(ivec3 numbers, vec3 origin_ws, vec3 direction_ws, float first_m) {
     Found found = Found(Meeting(FAR_ALONG, vec2(0.0), false), vec4(-1.0), REFLECTED_NOTHING);

@@ -27,6 +27,7 @@ from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_
 from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX
 from vir_addon.core.plan import plan as planned
 from vir_addon.core.reflections.reflectors import MAX_GROUPS, MAX_REFLECTORS
+from vir_addon.core.reflections.views import convexity
 from vir_addon.core.scene import LightShape, Mesh
 from vir_addon.core.settings import Effect, Settings
 
@@ -542,3 +543,42 @@ def test_mirrored_and_stretched_reflectors_reflect_as_they_stand(device, scale):
     ]
     assert images[0].max() > 0.5
     assert (np.abs(images[0] - images[1]).max(axis=-1) > 0.02).mean() < 0.005
+
+
+def angle_with_a_wall(degrees):
+    """An L on end, a mirror, in front of a mirror, in a coloured box, and an eye that has gone around them by an angle."""
+    walls, materials = colored_box(5.0)
+    outline = [(-0.8, -0.3), (0.8, -0.3), (0.8, 0.9), (0.5, 0.9), (0.5, 0.0), (-0.8, 0.0)]
+    positions = np.array([(x, y, z) for z in (-0.5, 0.5) for x, y in outline], np.float32)
+    triangles = []
+    for k in range(6):
+        after = (k + 1) % 6
+        triangles += [(k, after, after + 6), (k, after + 6, k + 6)]
+    for a, b, c in ((0, 1, 4), (0, 4, 5), (1, 2, 3), (1, 3, 4)):
+        triangles += [(a, c, b), (a + 6, b + 6, c + 6)]
+    angled = Mesh("angle", positions, np.array(triangles, np.int32), is_closed=True)
+    flat = rectangle("flat", (-3.5, -0.5, -2.0), (4, 4, 0), (0, 0, 4.5))
+    turn_rad = np.radians(degrees)
+    camera = perspective_camera((-3.5 * np.cos(turn_rad), -3.5 * np.sin(turn_rad), 1.6), (0, 0, 0), WIDTH, HEIGHT, 0.4)
+    return snapshot([*walls, flat, angled], [], camera, WIDTH, HEIGHT, materials=[*materials, mirror(), mirror()], world=World())
+
+
+def test_cubes_of_a_reflector_alone_do_not_come_and_go_with_the_eye(device):
+    """Where the hollow of an L gets out of the eye's sight, others still show it, and so does what is behind them."""
+    own = np.array([7])
+    seen, hidden = 98.0, 99.0
+    assert [convexity(angle_with_a_wall(degrees), own) for degrees in (seen, hidden)] == [(False, False), (False, True)]
+    while hidden - seen > 2e-4:
+        middle = (seen + hidden) / 2
+        seen, hidden = (seen, middle) if convexity(angle_with_a_wall(middle), own)[1] else (middle, hidden)
+    scenes = [angle_with_a_wall(degrees) for degrees in (seen, hidden)]
+    settings = {"reflection_sample_count": 1, "effects": (Effect.REFLECTION,), "bounces": 3}
+    before, after = (render_passes(scene, device, **settings)[REFLECTION_PASS_NAME] for scene in scenes)
+    assert (before.max(axis=-1) > 0.05).sum() > 5000
+    assert (np.abs(after - before).max(axis=-1) > 0.05).sum() < 30
+    eye, directions = camera_rays(scenes[1].camera, WIDTH, HEIGHT)
+    ends, ways = traced(scenes[1], np.broadcast_to(eye, (WIDTH * HEIGHT, 3)), directions.reshape(-1, 3), [6, 7], 3)
+    judged = (ways > 0) & (ends >= 0) & (ends < 6)
+    assert judged.sum() > 5000
+    wrong = np.abs(after.reshape(-1, 3)[judged] - COLORS[ends[judged]]).max(axis=-1) > 0.01
+    assert wrong.mean() < 0.01, f"{wrong.sum()} of {judged.sum()}"

@@ -12,7 +12,7 @@ from tests.scenes import box, bumpy_sphere, camera_from_above, floor, matte, mir
 from vir_addon.core.material import Constant, ImageSample, ImageTexels, Operation, TableLookup, World
 from vir_addon.core.material_program import combined, typical_value
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
-from vir_addon.core.passes.reflection_maps import instances_in_face
+from vir_addon.core.passes.reflection_maps import OWN_CUBES, instances_in_face
 from vir_addon.core.plan import plan as planned
 from vir_addon.core.reflections import views as reflector_views
 from vir_addon.core.reflections.reflectors import MAX_GROUPS, MAX_REFLECTORS, MIN_MAP_RAYS
@@ -316,3 +316,49 @@ def test_a_reflector_within_another_says_so(device):
     assert "inner: skipped: within 'outer'" in lines
     assert any(line.startswith("outer: ") and "px in the picture" in line for line in lines)
     assert last.passes[REFLECTION_PASS_NAME].max() > 0.5
+
+
+def test_hollows_count_from_wherever_they_are_seen():
+    """A closed box has none, two beside each other have, of what is open both sides are seen; an angle has one from one side."""
+    angle = Mesh(
+        "angle",
+        np.array([(0, 0, 0), (0, 1, 0), (1, 0, 1), (1, 1, 1), (-1, 0, 1), (-1, 1, 1)], np.float32),
+        np.array([(0, 2, 3), (0, 3, 1), (0, 1, 5), (0, 5, 4)], np.int32),
+    )
+    plate = rectangle("plate", (-1, -1, 0), (2, 0, 0), (0, 2, 0))
+    block = box("block", (0, 0, 0), (0.5, 0.5, 0.5))
+    room = box("room", (0, 0, 0), (0.5, 0.5, 0.5), inside_out=True)
+    two = joined("two", box("a", (-1, 0, 0), (0.3, 0.3, 0.3)), box("b", (1, 0, 0), (0.3, 0.3, 0.3)))
+    above, below = ((0.3, 0.4, 9.0), (0.3, 0.4, -9.0))
+    for mesh, eye_ws, expected in (
+        (block, above, (True, True)),
+        (plate, above, (True, True)),
+        (plate, below, (True, True)),
+        (angle, above, (False, False)),
+        (angle, below, (False, True)),
+        (room, above, (False, False)),
+        (two, (-9.0, 0, 0), (False, False)),
+    ):
+        camera = perspective_camera(eye_ws, (0.1, 0.2, 0.1), WIDTH, HEIGHT, 0.6)
+        scene = snapshot([mesh], [], camera, WIDTH, HEIGHT, materials=[mirror()], world=World())
+        assert reflector_views.convexity(scene, np.array([0])) == expected, (mesh.name, eye_ws)
+
+
+@pytest.mark.parametrize("height_m", [2.2, 20.0])
+def test_parallel_cameras_see_hollows_wherever_they_are(height_m):
+    """A step's hollow, which a parallel camera sees, though its place may lie behind the step's surfaces."""
+    outline = [(3.0, 0.0), (5.2, 0.0), (5.0, 0.6), (4.4, 0.95), (4.2, 2.0), (3.0, 2.0)]
+    positions = np.array([(x, y, z) for y in (-1, 1) for x, z in outline], np.float32)
+    triangles = []
+    for k in range(6):
+        after = (k + 1) % 6
+        triangles += [(k, after + 6, after), (k, k + 6, after + 6)]
+    for k in range(1, 5):
+        triangles += [(0, k, k + 1), (6, k + 7, k + 6)]
+    step = Mesh("step", positions, np.array(triangles, np.int32), is_closed=True)
+    walls, materials = colored_box(8.0)
+    camera = camera_from_above((0, 0, 0), 12, WIDTH, HEIGHT, height_m)
+    scene = snapshot([*walls, step], [], camera, WIDTH, HEIGHT, materials=[*materials, mirror()], world=World())
+    (found,) = reflectors_of(scene).reflectors
+    assert len(found.own_cubes) == OWN_CUBES
+    assert found.itself is None and "not convex: cubes of itself besides" in found.reason

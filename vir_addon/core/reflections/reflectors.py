@@ -19,6 +19,7 @@ from .seen_places import Candidate, SeenPlaces, near_each_other
 from .views import (
     MAX_INSCRIBED_TRIANGLES,
     MAX_VIEW_PX,
+    convexity,
     covered_size_px,
     cube_around,
     cube_around_eye,
@@ -27,7 +28,6 @@ from .views import (
     eye_is_inside,
     eye_view,
     flat_plane,
-    is_convex_to_eye,
     is_too_fine,
     main_plane,
     mirrored_view,
@@ -81,7 +81,7 @@ class Reflector:
     aside: ReflectionMap | None = None
     """where rays go on that leave the mirrored view `seen`, and rays of light that what it shows is lit by"""
     itself: ReflectionMap | None = None
-    """what the eye sees of it, for what of itself it shows; of reflectors that are not convex"""
+    """what the eye sees of it, for what of itself it shows; of reflectors whose hollows the eye sees"""
     own_cubes: tuple[ReflectionMap, ...] = ()
     """the reflector alone, for what it and others show of it that neither the eye nor others' cubes see; none or OWN_CUBES"""
     covered_px: tuple[int, int] = (0, 0)
@@ -290,9 +290,11 @@ def _plan_reflector(
         reason += f"; more than {MAX_INSCRIBED_TRIANGLES} triangles: its cube is around a place on it"
     itself: ReflectionMap | None = None
     own_cubes: tuple[ReflectionMap, ...] = ()
-    if not is_convex_to_eye(snapshot, own):
+    # cubes of itself serve rays from everywhere, so they do not come and go with the eye
+    is_convex, is_convex_to_eye = convexity(snapshot, own)
+    if not is_convex:
         own_cubes = cubes_of_itself(snapshot, bounds, own, min(side_px, ASIDE_MAP_PX))
-        if snapshot.camera.is_orthographic:
+        if is_convex_to_eye or snapshot.camera.is_orthographic:
             reason += "; not convex: cubes of itself besides"
         else:
             itself = eye_view(snapshot, bounds, own)

@@ -266,27 +266,34 @@ def _view(
     )
 
 
-def is_convex_to_eye(snapshot: SceneSnapshot, own: np.ndarray) -> bool:
-    """Whether no corner of a reflector lies before any of its surfaces that the eye sees, both on a regular subset."""
-    eye_ws = snapshot.camera.world_from_view[:3, 3]
+def convexity(snapshot: SceneSnapshot, own: np.ndarray) -> tuple[bool, bool]:
+    """Whether no corner of a reflector lies before any of its surfaces, and whether none lies before any that the eye sees, both on a
+    regular subset. Of what is open both sides are surfaces. own: (n,) int64 its instances"""
     triangle_count = _triangle_count(snapshot, own)
     corner_step, triangle_step = max(1, 3 * triangle_count // CONVEXITY_CORNERS), max(1, triangle_count // CONVEXITY_TRIANGLES)
-    placed = list(_placed_meshes(snapshot, own, eye_ws))
+    placed = list(_placed_meshes(snapshot, own, np.zeros(3)))
     # a corner of several triangles once
     corners = np.concatenate([positions[np.unique(triangles.reshape(-1)[::corner_step])] for positions, triangles in placed])
     tested = np.concatenate([positions[triangles[::triangle_step]] for positions, triangles in placed])
+    # from its middle, not from the eye: short floats are enough there, and what it is from everywhere changes in no bit with the eye
+    middle_ws = corners.mean(axis=0)
+    corners, tested = corners - middle_ws, tested - middle_ws
     normals = np.cross(tested[:, 1] - tested[:, 0], tested[:, 2] - tested[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
     tested, normals = tested[lengths > 0], normals[lengths > 0] / lengths[lengths > 0, None]
-    facing = (tested[:, 0] * normals).sum(axis=1) < 0
+    offsets = (tested[:, 0] * normals).sum(axis=1)
+    # no matrix product: its threads wait in a loop, which takes processors more than twice as long; nor rows of three: eight times as long
+    columns = [np.ascontiguousarray(each.T, np.float32) for each in (corners, normals)]
+    heights = np.einsum("ji,jk->ki", *columns)
+    deepest = CONVEXITY_SHARE * np.ptp(corners, axis=0).max()
+    rises = heights.max(axis=1, initial=-math.inf) - offsets >= deepest
+    matrix = snapshot.camera.world_from_view
+    is_parallel = snapshot.camera.is_orthographic
+    faces_eye = normals @ matrix[:3, 2] > 0 if is_parallel else normals @ (matrix[:3, 3] - middle_ws) > offsets
     if _are_closed(snapshot, own):
-        tested, normals = tested[facing], normals[facing]
-    else:
-        # both sides of what is open may be seen
-        normals = np.where(facing[:, None], normals, -normals)
-    # no matrix product: its threads wait in a loop, which takes processors more than twice as long as this
-    highest = np.einsum("ij,kj->ik", corners, normals).max(axis=0, initial=-math.inf) - (tested[:, 0] * normals).sum(axis=1)
-    return bool((highest < CONVEXITY_SHARE * np.ptp(corners, axis=0).max()).all())
+        return not rises.any(), not rises[faces_eye].any()
+    sinks = heights.min(axis=1, initial=math.inf) - offsets <= -deepest
+    return not (rises | sinks).any(), not np.where(faces_eye, rises, sinks).any()
 
 
 def cube_size_px(pixels: float) -> int:
