@@ -12,7 +12,7 @@ from tests.scenes import box, bumpy_sphere, camera_from_above, floor, matte, mir
 from vir_addon.core.material import Constant, ImageSample, ImageTexels, Operation, TableLookup, World
 from vir_addon.core.material_program import combined, typical_value
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
-from vir_addon.core.passes.reflection_maps import OWN_CUBES, instances_in_face
+from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX, OWN_CUBES, instances_in_face
 from vir_addon.core.plan import plan as planned
 from vir_addon.core.reflections import views as reflector_views
 from vir_addon.core.reflections.reflectors import MAX_GROUPS, MAX_REFLECTORS, MIN_MAP_RAYS
@@ -362,3 +362,37 @@ def test_parallel_cameras_see_hollows_wherever_they_are(height_m):
     (found,) = reflectors_of(scene).reflectors
     assert len(found.own_cubes) == OWN_CUBES
     assert found.itself is None and "not convex: cubes of itself besides" in found.reason
+
+
+def test_cubes_of_reflectors_alone_take_no_memory_that_others_need():
+    """They get smaller first and then go, before a map gets smaller than without them or a reflector goes without."""
+    balls = [bumpy_sphere(f"ball {k}", (0.6 * (k % 8) - 2.1, 0.6 * (k // 8) - 2.1, 0.0), 0.28, 8, bump_share=0.2) for k in range(64)]
+    camera = perspective_camera((0, -1, 5.5), (0, 0, 0), 1280, 720, 0.6)
+    scene = snapshot(balls, [], camera, 1280, 720, materials=[mirror()] * 64, world=World())
+
+    def planned_with(memory_mib):
+        found = reflectors_of(scene, bounces=1, reflection_map_mib=memory_mib).reflectors
+        assert sum(drawn.texel_count for each in found for drawn in each.maps) * BYTES_PER_TEXEL <= memory_mib << 20
+        return found
+
+    plenty = planned_with(4096)
+    assert all(len(each.own_cubes) == OWN_CUBES and "memory" not in each.reason for each in plenty)
+    others_mib = sum(drawn.texel_count for each in plenty for drawn in (each.seen, each.itself)) * BYTES_PER_TEXEL / (1 << 20)
+    own_px = min(each.own_cubes[0].width_px for each in plenty)
+    assert own_px > MAP_SIZE_STEP_PX
+    least_own_mib = 64 * OWN_CUBES * 6 * MAP_SIZE_STEP_PX**2 * 4 / 3 * BYTES_PER_TEXEL / (1 << 20)
+    for spare_mib, own_cubes, told in (
+        (1.3 * least_own_mib, OWN_CUBES, "cubes of itself smaller"),
+        (1.0, 0, "no memory is left for cubes of"),
+    ):
+        found = planned_with(int(np.ceil(others_mib + spare_mib)))
+        for each, before in zip(found, plenty, strict=True):
+            assert each.seen.width_px == before.seen.width_px and each.itself.width_px == before.itself.width_px
+            assert len(each.own_cubes) == own_cubes and told in each.reason
+            assert all(drawn.width_px < own_px for drawn in each.own_cubes)
+    small = planned_with(16)
+    assert all(each.seen is not None and not each.own_cubes for each in small)
+    assert any(
+        each.seen.width_px < before.seen.width_px and "smaller for all maps" in each.reason
+        for each, before in zip(small, plenty, strict=True)
+    )

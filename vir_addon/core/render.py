@@ -38,7 +38,7 @@ from .passes.scene_data import SceneData, SceneGeometry, pack_geometry
 from .passes.surface_data import SurfaceData, pack_surfaces
 from .picture import Shown
 from .plan import PlannedPass, RenderPlan, check_device, instances_in_picture
-from .reflections.reflectors import SMALLER, PlannedReflections, choose_reflectors, memory_for_maps, reflecting_instances
+from .reflections.reflectors import FOR_MEMORY, PlannedReflections, choose_reflectors, memory_for_maps, reflecting_instances
 from .reflections.seen_places import SeenPlaces
 from .reflections.work import ReflectionWork
 from .sampling import pixel_offsets
@@ -236,7 +236,7 @@ class Renderer:
             return choose_reflectors(snapshot, bounds, settings, instances_in_picture(snapshot, bounds), seen)
 
         found: PlannedReflections = yield self.stopwatch.host_work("fit", choose)
-        if settings != self.plan.settings and any(SMALLER in each.reason for each in found.reflectors):
+        if settings != self.plan.settings and any(why in each.reason for each in found.reflectors for why in FOR_MEMORY):
             self.statistics.notes.append(
                 f"reflectors' maps are smaller than asked: the device's largest texture holds {settings.reflection_map_mib} MiB of them"
             )

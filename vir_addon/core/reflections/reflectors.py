@@ -46,6 +46,9 @@ TOO_SMALL = "all such together show in next to no pixels"
 WAITING = ": a map if enough of it shows within other reflectors"
 """what ends the reasons of those that it is not decided for yet"""
 SMALLER = "; smaller for all maps to fit into memory"
+SMALLER_OWN_CUBES = "; cubes of itself smaller for all maps to fit into memory"
+WITHOUT_OWN_CUBES = "; no memory is left for cubes of itself"
+FOR_MEMORY = SMALLER, SMALLER_OWN_CUBES, WITHOUT_OWN_CUBES
 MET_SHARE = 0.25
 """of maps' memory, kept for reflectors that only others show"""
 MAX_LINES_ALIKE = 3
@@ -309,9 +312,16 @@ def _plan_reflector(
 
 
 def _within_memory(reflectors: list[Reflector], memory_mib: float) -> list[Reflector]:
-    """Smaller maps where all together would take more than the settings allow, and none of the last reflectors where that is not enough."""
+    """Smaller maps where all together would take more than the settings allow: cubes of reflectors alone first, then without these the
+    others, and none of the last reflectors where that is not enough."""
     budget = memory_mib * (1 << 20) // BYTES_PER_TEXEL
     fitting, share = reflectors, 1.0
+    while _texel_count(fitting) > budget and share > 1 / ASIDE_MAP_PX:
+        share *= SHRINKING
+        fitting = [_smaller(reflector, 1.0, share) for reflector in reflectors]
+    if _texel_count(fitting) > budget:
+        fitting = reflectors = [_without_own_cubes(reflector) for reflector in reflectors]
+        share = 1.0
     while _texel_count(fitting) > budget and share > 1 / MAX_VIEW_PX:
         share *= SHRINKING
         fitting = [_smaller(reflector, share) for reflector in reflectors]
@@ -321,6 +331,10 @@ def _within_memory(reflectors: list[Reflector], memory_mib: float) -> list[Refle
         each if end <= budget else Reflector(each.name, each.instances, runs=False, reason=reason)
         for each, end in zip(fitting, reached, strict=True)
     ]
+
+
+def _without_own_cubes(reflector: Reflector) -> Reflector:
+    return replace(reflector, own_cubes=(), reason=reflector.reason + WITHOUT_OWN_CUBES) if reflector.own_cubes else reflector
 
 
 def _texel_count(reflectors: list[Reflector]) -> int:
@@ -333,22 +347,23 @@ def memory_for_maps(device: Device, settings: Settings) -> Settings:
     return replace(settings, reflection_map_mib=min(settings.reflection_map_mib, largest_mib))
 
 
-def _smaller(reflector: Reflector, share: float) -> Reflector:
-    def shrunk(drawn: ReflectionMap) -> ReflectionMap:
-        size = [
-            max(MAP_SIZE_STEP_PX, int(side * share) // MAP_SIZE_STEP_PX * MAP_SIZE_STEP_PX) for side in (drawn.width_px, drawn.height_px)
-        ]
-        return replace(drawn, width_px=size[0], height_px=size[1])
+def _smaller(reflector: Reflector, share: float, own_share: float = 1.0) -> Reflector:
+    """own_share: of the sides of cubes of it alone"""
 
-    maps = reflector.maps
-    shrunk_maps = [shrunk(drawn) for drawn in maps]
-    smaller = {id(drawn): each for drawn, each in zip(maps, shrunk_maps, strict=True)}
+    def shrunk(drawn: ReflectionMap, by: float) -> ReflectionMap:
+        width, height = (
+            max(MAP_SIZE_STEP_PX, int(side * by) // MAP_SIZE_STEP_PX * MAP_SIZE_STEP_PX) for side in (drawn.width_px, drawn.height_px)
+        )
+        return drawn if (width, height) == (drawn.width_px, drawn.height_px) else replace(drawn, width_px=width, height_px=height)
+
+    own_cubes = tuple(shrunk(drawn, own_share) for drawn in reflector.own_cubes)
+    smaller = {id(drawn): shrunk(drawn, share) for drawn in reflector.maps}
     seen, met, aside, itself = (smaller.get(id(drawn)) for drawn in (reflector.seen, reflector.met, reflector.aside, reflector.itself))
-    own_cubes = tuple(smaller[id(drawn)] for drawn in reflector.own_cubes)
-    is_smaller = any(
-        (each.width_px, each.height_px) != (drawn.width_px, drawn.height_px) for drawn, each in zip(maps, shrunk_maps, strict=True)
-    )
-    reason = reflector.reason + SMALLER * is_smaller
+    reason = reflector.reason
+    if any(smaller[id(drawn)] is not drawn for drawn in (reflector.seen, reflector.met, reflector.aside, reflector.itself) if drawn):
+        reason += SMALLER
+    if any(each is not drawn for each, drawn in zip(own_cubes, reflector.own_cubes, strict=True)):
+        reason += SMALLER_OWN_CUBES
     return replace(reflector, seen=seen, met=met, aside=aside, itself=itself, own_cubes=own_cubes, reason=reason)
 
 
