@@ -151,7 +151,7 @@ class Frames:
         return self.device.run(self._sizes, work)
 
     def _sizes(self, work: ReflectionWork) -> dict[str, float]:
-        maps = ReflectionMaps(work.scene_data, self.plan.bounds, work.planned.maps, work.planned.other_maps())
+        maps = ReflectionMaps(work.scene_data, self.plan.bounds, work.planned.maps, *work.planned.other_maps())
         try:
             return self._sizes_of(maps, work)
         finally:

@@ -70,6 +70,17 @@ def test_what_reflections_do_not_see_is_in_no_map():
     assert any(1 in each.instances for each in reflectors_of(scene, bounces=2).maps)
 
 
+def test_what_reflections_do_not_see_has_no_cubes_of_itself():
+    ball = bumpy_sphere("ball", (0, 0, 0.5), 0.5, 12, bump_share=0.2)
+    camera = perspective_camera((0.5, -3.0, 1.5), (0, 0, 0.4), WIDTH, HEIGHT, 0.6)
+    scene = snapshot([floor(4.0), ball], [], camera, WIDTH, HEIGHT, materials=[matte(), mirror()], world=World())
+    for is_shown in (True, False):
+        instances = dataclasses.replace(scene.instances, visible_in_reflections=np.array([True, is_shown]))
+        (found,) = reflectors_of(dataclasses.replace(scene, instances=instances)).reflectors
+        assert len(found.own_cubes) == (OWN_CUBES if is_shown else 0)
+        assert (found.itself is not None) == is_shown == ("of itself" in found.reason)
+
+
 def test_a_leaning_mirror_is_flat_though_the_eye_is_within_its_box():
     glass = rectangle("glass", (-2, -2, 0), (4, 0, 0), (0, 4, 4))
     camera = perspective_camera((0.0, -1.0, 2.0), (0.0, 1.0, 2.5), WIDTH, HEIGHT, 0.6)

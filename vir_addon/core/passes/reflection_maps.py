@@ -151,16 +151,16 @@ class ReflectionMap:
             clip_from_face[2] *= -1.0
         return clip_from_face @ face_from_world
 
-    def header(self, base: int, others: np.ndarray) -> np.ndarray:
-        """(HEADER_TEXELS, 4). others: (FURTHER_MAPS + 1,) numbers of maps, as of `ReflectionMaps`"""
+    def header(self, base: int, further: np.ndarray, first_own: int) -> np.ndarray:
+        """(HEADER_TEXELS, 4). further: (FURTHER_MAPS,) numbers of maps, and first_own, as of `ReflectionMaps`"""
         left, right, bottom, top = self.window
         rows = np.zeros((HEADER_TEXELS, 4))
         rows[0] = *self.center_ws, self.is_cube
         rows[1:4, :3] = self.axes
-        rows[1:4, 3] = self.width_px, self.height_px, others[FURTHER_MAPS]
+        rows[1:4, 3] = self.width_px, self.height_px, first_own
         rows[4] = left, bottom, (right - left) / self.width_px, (top - bottom) / self.height_px
         rows[5] = *split_integers(np.array(base)), self.near_m, self.reach_m
-        rows[6] = others[:FURTHER_MAPS]
+        rows[6] = further
         return rows
 
 
@@ -191,16 +191,18 @@ class ReflectionMaps:
         scene_data: SceneData,
         bounds: SceneBounds,
         maps: Sequence[ReflectionMap],
-        others: np.ndarray,
+        further: np.ndarray,
+        first_own: np.ndarray,
         drawn_before: ReflectionMaps | None = None,
     ) -> None:
-        """others: (map_count, FURTHER_MAPS + 1) numbers of those that rays ask besides each, the last that of the first of OWN_CUBES cubes
-        of its reflector itself, -1: none; drawn_before: the first of these maps, which need not be drawn again"""
+        """further: (map_count, FURTHER_MAPS) numbers of those that rays ask besides each; first_own: (map_count,) that of the first of
+        OWN_CUBES cubes of its reflector itself; -1: none. drawn_before: the first of these maps, which need not be drawn again"""
         self.scene_data, self.device, self.maps = scene_data, scene_data.device, maps
         self.corners_ws = bounds.corners_ws
         self._drawn_count = 0
         bases = np.concatenate([[0], np.cumsum([each.texel_count for each in maps])]).astype(np.int64)
-        headers = np.concatenate([each.header(int(base), row) for each, base, row in zip(maps, bases, others, strict=False)])
+        rows_of = zip(maps, bases[:-1], further, first_own, strict=True)
+        headers = np.concatenate([each.header(int(base), others, int(own)) for each, base, others, own in rows_of])
         rows = max(1, -(-int(bases[-1]) // LINEAR_TEXTURE_WIDTH))
         with Owned() as owned:
             self.headers = owned.own(self.device.upload_array(headers))

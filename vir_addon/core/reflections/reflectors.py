@@ -297,11 +297,10 @@ def _plan_reflector(
     is_convex, is_convex_to_eye = convexity(snapshot, own)
     if not is_convex:
         own_cubes = cubes_of_itself(snapshot, bounds, own, min(side_px, ASIDE_MAP_PX))
-        if is_convex_to_eye or snapshot.camera.is_orthographic:
-            reason += "; not convex: cubes of itself besides"
-        else:
+        if own_cubes and not is_convex_to_eye and not snapshot.camera.is_orthographic:
             itself = eye_view(snapshot, bounds, own)
-            reason += "; not convex: a view and cubes of itself besides"
+        if own_cubes:
+            reason += f"; not convex: {'' if itself is None else 'a view and '}cubes of itself besides"
     met = seen if bounces > 1 else None
     plane = main_plane(snapshot, own) if settings.planar and not snapshot.camera.is_orthographic else None
     view = None if plane is None else mirrored_view(snapshot, bounds, own, plane)
@@ -421,11 +420,11 @@ class PlannedReflections:
                 told += alike
         return told
 
-    def other_maps(self) -> np.ndarray:
-        """(map_count, FURTHER_MAPS + 1) numbers of the cubes of other reflectors that are nearest, each of which is asked for what maps of
-        its reflector do not know, and of the first of its reflector's own; -1: none"""
+    def other_maps(self) -> tuple[np.ndarray, np.ndarray]:
+        """(map_count, FURTHER_MAPS) numbers of the cubes of other reflectors that are nearest, each of which is asked for what maps of its
+        reflector do not know, and (map_count,) those of the first of its reflector's own cubes; -1: none"""
         numbers = {id(each): number for number, each in enumerate(self.maps)}
-        found = np.full((len(self.maps), FURTHER_MAPS + 1), -1, np.int64)
+        further, first_own = np.full((len(self.maps), FURTHER_MAPS), -1, np.int64), np.full(len(self.maps), -1, np.int64)
         cubes = [each.cube for each in self.reflectors]
         own = [(each, cube) for each, cube in zip(self.reflectors, cubes, strict=True) if cube is not None]
         centers_ws = np.array([cube.center_ws for _, cube in own])
@@ -433,9 +432,10 @@ class PlannedReflections:
             nearest = np.argsort(((centers_ws - cube.center_ws) ** 2).sum(axis=1), kind="stable")
             others = [numbers[id(own[other][1])] for other in nearest if other != k][:FURTHER_MAPS]
             for each in reflector.maps:
-                found[numbers[id(each)], : len(others)] = others
-                found[numbers[id(each)], FURTHER_MAPS] = numbers[id(reflector.own_cubes[0])] if reflector.own_cubes else -1
-        return found
+                further[numbers[id(each)], : len(others)] = others
+                if reflector.own_cubes:
+                    first_own[numbers[id(each)]] = numbers[id(reflector.own_cubes[0])]
+        return further, first_own
 
     def instance_maps(self, instance_count: int) -> np.ndarray:
         """(instance_count, 4) float32: numbers of the maps `seen`, `met`, `aside` and `itself`, -1: none"""

@@ -216,12 +216,16 @@ def eye_view(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray) -> R
     return _view(snapshot, bounds, own, matrix[:3, 3], axes, np.intersect1d(_shown(snapshot), own), nearest_m)
 
 
-def cubes_of_itself(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray, side_px: int) -> tuple[ReflectionMap, ReflectionMap]:
-    """The reflector alone, from its middle: the nearest of its surfaces in each direction, and the farthest."""
+def cubes_of_itself(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray, side_px: int) -> tuple[ReflectionMap, ...]:
+    """The reflector alone, from its middle: the nearest of its surfaces in each direction, and the farthest; none of one that reflections
+    do not show."""
+    shown = np.intersect1d(_shown(snapshot), own)
+    if not any(snapshot.meshes[snapshot.instances.mesh_index[index]].triangle_count for index in shown):
+        return ()
     corners = bounds.corners_ws[own].reshape(-1, 3)
     center_ws = (corners.min(axis=0) + corners.max(axis=0)) / 2
     near_m = NEAR_SHARE * float(np.ptp(corners, axis=0).max())
-    cube = _cube(bounds, center_ws, near_m, side_px, np.intersect1d(_shown(snapshot), own))
+    cube = _cube(bounds, center_ws, near_m, side_px, shown)
     nearest = replace(cube, reach_m=_reach(corners, center_ws))
     return nearest, replace(nearest, shows_farthest=True)
 

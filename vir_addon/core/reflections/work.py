@@ -147,7 +147,7 @@ class ReflectionWork:
     def _use(self, planned: PlannedReflections, drawn_before: ReflectionMaps | None = None) -> None:
         """drawn_before: the first of the maps"""
         with Owned() as owned:
-            maps = owned.own(ReflectionMaps(self.scene_data, self.plan.bounds, planned.maps, planned.other_maps(), drawn_before))
+            maps = owned.own(ReflectionMaps(self.scene_data, self.plan.bounds, planned.maps, *planned.other_maps(), drawn_before))
             instance_count = len(self.scene_data.snapshot.instances)
             instance_maps = owned.own(self.device.upload_array(planned.instance_maps(instance_count)))
             table = owned.own(self.device.upload_array(self._emitters.beside_maps(planned.maps_without(instance_count))))
