@@ -19,6 +19,7 @@ from tests.scenes import (
     snapshot,
     spot_light,
 )
+from vir_addon.core.scene import Camera, PixelFilter
 from vir_addon.core.settings import PointStorage
 
 WIDTH, HEIGHT = 96, 54
@@ -143,3 +144,21 @@ def test_nothing_leaks_below_a_hovering_box(device, method):
     scene = snapshot(meshes, [point_light(eye=centre, radius_m=0.15)], camera, WIDTH, HEIGHT)
     image = render_pass(scene, device, method=method, view_count=8, map_resolution_px=16)
     assert set(np.unique(image)) == {0.0, 1.0}
+
+
+@pytest.mark.parametrize("method", METHODS[:2])
+def test_nothing_leaks_at_the_borders_of_a_large_picture(device, method):
+    """Some of its pixels decide how far maps reach: a wide floor under a wider roof, seen from between them, with the light above."""
+    width, height = 320, 180
+    x, y, z, eye = (-0.84368, -0.53685, 0), (0.48519, -0.7625, 0.42799), (-0.22976, 0.36109, 0.90378), (3.43036, -1.35783, 1.10228)
+    matrix = np.eye(4)
+    matrix[:3] = np.stack([x, y, z, eye], axis=1)
+    half = np.tan(1.1426749 / 2)
+    camera = Camera("Camera", False, matrix, (-half, half, -half * height / width, half * height / width), 0.1, 100.0)
+    light = area_light(eye=(0.1481, -0.0853, 2.0413), target=(0.1481, -0.0853, 0.0), size_m=(0.5, 0.5))
+    light.world_from_light[:3, 0], light.world_from_light[:3, 1] = (0.1697, -0.9855, 0), (0.9855, 0.1697, 0)
+    scene = snapshot(
+        [floor(30.0), dataclasses.replace(floor(40.0, 1.4), name="roof")], [light], camera, width, height, pixel_filter=PixelFilter()
+    )
+    image = render_pass(scene, device, method=method, view_count=64, map_resolution_px=512)
+    assert set(np.unique(image)) <= {0.0, 1.0}, f"{((image > 0) & (image < 1)).sum()} pixels"

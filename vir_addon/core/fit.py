@@ -218,7 +218,7 @@ def fit_face(
     receiving, casting = np.ascontiguousarray(outermost.T)[:, None], np.ascontiguousarray(corners.transpose(2, 1, 0))
     for index, eye in enumerate(eyes):
         received = _to_seams(_union(_tangent_bounds(receiving - eye[:, None, None], near_m, limits)), goes_on, limits)
-        received = _with_margin(received, receivers.margin, limits)
+        received = _with_margin(received, receivers.margin, limits, receivers.gap_tangent)
         from_eye = casting - eye[:, None, None]
         shadowing = _intersect(_tangent_bounds(from_eye, near_m, limits), received[:, None])
         depth = from_eye[2].min(axis=0)
@@ -256,11 +256,11 @@ def _to_seams(bounds: np.ndarray, goes_on: np.ndarray, limits: tuple[float, floa
     return np.where(goes_on & is_near & ~_is_empty(bounds), limits, bounds)
 
 
-def _with_margin(bounds: np.ndarray, margin: float, limits: tuple[float, float, float, float]) -> np.ndarray:
-    """Grown by the share `margin` on every side, within the limits; empty bounds stay empty."""
+def _with_margin(bounds: np.ndarray, margin: float, limits: tuple[float, float, float, float], least: float = 0.0) -> np.ndarray:
+    """Grown by the share `margin`, or by more, on every side, within the limits; empty bounds stay empty."""
     if _is_empty(bounds):
         return bounds
-    x, y = margin * (bounds[1] - bounds[0]), margin * (bounds[3] - bounds[2])
+    x, y = max(margin * (bounds[1] - bounds[0]), least), max(margin * (bounds[3] - bounds[2]), least)
     return _intersect(bounds + np.array([-x, x, -y, y]), np.array(limits))
 
 

@@ -91,7 +91,7 @@ def fit_both(
     larger texels. own: as planned for the picture; joint: for both"""
     seen, shown = (select_receivers(*places, light) for places in (in_picture, reflected))
     fit = fit_views(own, light, plan, scene_data, seen)
-    both = Receivers(np.concatenate([seen.points_ws, shown.points_ws]), seen.margin)
+    both = Receivers(np.concatenate([seen.points_ws, shown.points_ws]), seen.margin, max(seen.gap_tangent, shown.gap_tangent))
     wider = fit_views(joint, light, plan, scene_data, both)
     if fit.texel_growth(wider) > MAX_TEXEL_GROWTH:
         return fit, False

@@ -10,11 +10,14 @@ import numpy as np
 from .bounds import FLAT_TOLERANCE, SceneBounds
 from .sampling import light_samples
 from .scene import Light, LightShape, SceneSnapshot
-from .views import MAX_SINGLE_FACE_TANGENT, MIN_RECEIVER_MARGIN, light_axes, omni_faces
+from .views import MAX_SINGLE_FACE_TANGENT, MIN_RECEIVER_MARGIN, area_light_faces, light_axes, omni_faces
 
 MAX_RECEIVER_PIXELS = 1 << 17
 """A larger picture is looked at in steps of more than a pixel."""
 MAX_RECEIVER_POINTS = 8192
+"""Of more some are chosen."""
+DIRECTION_CELLS = 128
+"""a side of each face of a cube around the light"""
 RECEIVER_MARGIN_PX = 5.0
 """Filters reach 1.5 pixels to each side, and perspective may make the outermost pixels cover more than the mean."""
 MAX_CASTER_PLACES = 4_000_000
@@ -45,6 +48,8 @@ class Receivers:
     """(n, 3) float64: a regular subset and, in slices of depth, the outermost points, which decide the windows"""
     margin: float
     """share by which windows are wider than these points: later eye samples are offset by parts of a pixel and see more"""
+    gap_tangent: float = 0.0
+    """how far from these points, as seen from the light's centre, others may be; not of suns, whose outermost are all there"""
 
 
 def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -> Receivers:
@@ -54,7 +59,8 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -
     """
     # rows and columns between are within the margin
     step = math.ceil(math.sqrt(positions.shape[0] * positions.shape[1] / MAX_RECEIVER_PIXELS))
-    positions, normals = positions[::step, ::step], normals[::step, ::step]
+    rows, columns = (np.unique([*range(0, count, step), count - 1]) for count in positions.shape[:2])  # up to the picture's edges
+    positions, normals = (image[np.ix_(rows, columns)] for image in (positions, normals))
     surface = positions[..., 3] >= 0
     if light.receivers is not None:
         surface &= light.receivers[np.maximum(positions[..., 3], 0).astype(np.int64)]
@@ -73,17 +79,19 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -
     points, p = points[reach], p[reach]
     if len(points) <= MAX_RECEIVER_POINTS:
         return Receivers(points, margin)
-    chosen = [np.arange(0, len(points), -(-len(points) // MAX_RECEIVER_POINTS))]
-    if light.shape.is_omni:
-        for face in omni_faces(light):
+    is_sun = light.shape is LightShape.SUN
+    chosen = [np.arange(0, len(points), -(-len(points) // MAX_RECEIVER_POINTS)) if is_sun else _spread_over_directions(p)]
+    is_before_all = is_sun or (light.shape.is_area and _is_within(p, MAX_SINGLE_FACE_TANGENT).all())
+    if not is_before_all:
+        for face in omni_faces(light) if light.shape.is_omni else area_light_faces(light, needs_cube=True):
             p_fs = _along(face.face_from_world @ axes.T, p)
             # as far to the sides as a face of a cube reaches, and as a single frustum does
             for tangent in (1.0, MAX_SINGLE_FACE_TANGENT):
-                before = np.flatnonzero((np.abs(p_fs[:, :2]) < tangent * p_fs[:, 2:]).all(axis=1))
+                before = np.flatnonzero(_is_within(p_fs, tangent))
                 chosen += [before[part] for part in _outermost(p_fs[before, :2] / p_fs[before, 2:], p_fs[before, 2])]
     else:
         chosen += _outermost(p[:, :2] if light.shape is LightShape.SUN else p[:, :2] / p[:, 2:], p[:, 2])
-    return Receivers(points[np.unique(np.concatenate(chosen))], margin)
+    return Receivers(points[np.unique(np.concatenate(chosen))], margin, 0.0 if is_sun else 2 / DIRECTION_CELLS)
 
 
 def lit_places(light: Light, p_ls: np.ndarray) -> np.ndarray:
@@ -108,6 +116,27 @@ def _along(axes: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     around, or of different types, these take up to thirty times as long."""
     components: np.ndarray = axes @ vectors.T
     return components.T
+
+
+def _is_within(p: np.ndarray, tangent: float) -> np.ndarray:
+    """(n,) bool: places, (n, 3), within a square pyramid about z"""
+    return np.logical_and(*(np.abs(p[:, axis]) < tangent * p[:, 2] for axis in (0, 1)))
+
+
+def _spread_over_directions(p: np.ndarray) -> np.ndarray:
+    """Indices of the nearest and the farthest of (n, 3) places in each cell of a cube's faces that has any: no view's window lacks more
+    than a cell, whichever face they are in from there."""
+    sizes = np.abs(p)
+    axis = sizes.argmax(axis=1)
+    rows = np.arange(len(p))
+    size = np.maximum(sizes[rows, axis], np.finfo(np.float64).tiny)
+    cell = 2 * axis + (p[rows, axis] < 0)
+    for other in (1, 2):
+        tangent = p[rows, (axis + other) % 3] / size
+        cell = DIRECTION_CELLS * cell + np.clip((tangent + 1) / 2 * DIRECTION_CELLS, 0, DIRECTION_CELLS - 1).astype(np.int64)
+    order = np.argsort(cell + size / (1.001 * size.max()))
+    starts = np.flatnonzero(np.diff(cell[order], prepend=-1))
+    return np.concatenate([order[starts], order[np.append(starts[1:], len(order)) - 1]])
 
 
 def _outermost(places: np.ndarray, depths: np.ndarray) -> list[np.ndarray]:
