@@ -49,7 +49,7 @@ class Receivers:
     margin: float
     """share by which windows are wider than these points: later eye samples are offset by parts of a pixel and see more"""
     gap_tangent: float = 0.0
-    """how far from these points, as seen from the light's centre, others may be; not of suns, whose outermost are all there"""
+    """how far from these points, as seen from the light's centre, others may be; 0 where the outermost are all there"""
 
 
 def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -> Receivers:
@@ -79,10 +79,11 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -
     points, p = points[reach], p[reach]
     if len(points) <= MAX_RECEIVER_POINTS:
         return Receivers(points, margin)
-    is_sun = light.shape is LightShape.SUN
-    chosen = [np.arange(0, len(points), -(-len(points) // MAX_RECEIVER_POINTS)) if is_sun else _spread_over_directions(p)]
-    is_before_all = is_sun or (light.shape.is_area and _is_within(p, MAX_SINGLE_FACE_TANGENT).all())
-    if not is_before_all:
+    # what one map of each view reaches has no seams
+    single_tangent = MAX_SINGLE_FACE_TANGENT * (1 - MIN_RECEIVER_MARGIN)
+    is_single = light.shape is LightShape.SUN or (light.shape.is_area and _is_within(p, single_tangent, half).all())
+    chosen = [np.arange(0, len(points), -(-len(points) // MAX_RECEIVER_POINTS)) if is_single else _spread_over_directions(p)]
+    if not is_single:
         for face in omni_faces(light) if light.shape.is_omni else area_light_faces(light, needs_cube=True):
             p_fs = _along(face.face_from_world @ axes.T, p)
             # as far to the sides as a face of a cube reaches, and as a single frustum does
@@ -91,7 +92,7 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -
                 chosen += [before[part] for part in _outermost(p_fs[before, :2] / p_fs[before, 2:], p_fs[before, 2])]
     else:
         chosen += _outermost(p[:, :2] if light.shape is LightShape.SUN else p[:, :2] / p[:, 2:], p[:, 2])
-    return Receivers(points[np.unique(np.concatenate(chosen))], margin, 0.0 if is_sun else 2 / DIRECTION_CELLS)
+    return Receivers(points[np.unique(np.concatenate(chosen))], margin, 0.0 if is_single else 2 / DIRECTION_CELLS)
 
 
 def lit_places(light: Light, p_ls: np.ndarray) -> np.ndarray:
@@ -118,9 +119,9 @@ def _along(axes: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return components.T
 
 
-def _is_within(p: np.ndarray, tangent: float) -> np.ndarray:
-    """(n,) bool: places, (n, 3), within a square pyramid about z"""
-    return np.logical_and(*(np.abs(p[:, axis]) < tangent * p[:, 2] for axis in (0, 1)))
+def _is_within(p: np.ndarray, tangent: float, width_m: float = 0.0) -> np.ndarray:
+    """(n,) bool: places, (n, 3), within a square pyramid about z, by so much"""
+    return np.logical_and(*(np.abs(p[:, axis]) + width_m < tangent * p[:, 2] for axis in (0, 1)))
 
 
 def _spread_over_directions(p: np.ndarray) -> np.ndarray:
