@@ -10,7 +10,7 @@ import numpy as np
 from .bounds import FLAT_TOLERANCE, SceneBounds
 from .sampling import light_samples
 from .scene import Light, LightShape, SceneSnapshot
-from .views import MAX_SINGLE_FACE_TANGENT, MIN_RECEIVER_MARGIN, area_light_faces, light_axes, omni_faces
+from .views import MAX_SINGLE_FACE_TANGENT, MIN_RECEIVER_MARGIN, light_axes
 
 MAX_RECEIVER_PIXELS = 1 << 17
 """A larger picture is looked at in steps of more than a pixel."""
@@ -45,7 +45,8 @@ class Receivers:
     """Visible surfaces that a light can reach."""
 
     points_ws: np.ndarray
-    """(n, 3) float64: a regular subset and, in slices of depth, the outermost points, which decide the windows"""
+    """(n, 3) float64: all of them or, of many, a regular subset and, in slices of depth, the outermost, which decide the windows; of
+    lights that take a cube the nearest and the farthest in every direction"""
     margin: float
     """share by which windows are wider than these points: later eye samples are offset by parts of a pixel and see more"""
     gap_tangent: float = 0.0
@@ -82,17 +83,11 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -
     # what one map of each view reaches has no seams
     single_tangent = MAX_SINGLE_FACE_TANGENT * (1 - MIN_RECEIVER_MARGIN)
     is_single = light.shape is LightShape.SUN or (light.shape.is_area and _is_within(p, single_tangent, half).all())
-    chosen = [np.arange(0, len(points), -(-len(points) // MAX_RECEIVER_POINTS)) if is_single else _spread_over_directions(p)]
-    if not is_single:
-        for face in omni_faces(light) if light.shape.is_omni else area_light_faces(light, needs_cube=True):
-            p_fs = _along(face.face_from_world @ axes.T, p)
-            # as far to the sides as a face of a cube reaches, and as a single frustum does
-            for tangent in (1.0, MAX_SINGLE_FACE_TANGENT):
-                before = np.flatnonzero(_is_within(p_fs, tangent))
-                chosen += [before[part] for part in _outermost(p_fs[before, :2] / p_fs[before, 2:], p_fs[before, 2])]
-    else:
-        chosen += _outermost(p[:, :2] if light.shape is LightShape.SUN else p[:, :2] / p[:, 2:], p[:, 2])
-    return Receivers(points[np.unique(np.concatenate(chosen))], margin, 0.0 if is_single else 2 / DIRECTION_CELLS)
+    if is_single:
+        every = np.arange(0, len(points), -(-len(points) // MAX_RECEIVER_POINTS))
+        outermost = _outermost(p[:, :2] if light.shape is LightShape.SUN else p[:, :2] / p[:, 2:], p[:, 2])
+        return Receivers(points[np.unique(np.concatenate([every, *outermost]))], margin)
+    return Receivers(points[np.unique(_spread_over_directions(p))], margin, 2 / DIRECTION_CELLS)
 
 
 def lit_places(light: Light, p_ls: np.ndarray) -> np.ndarray:
