@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from .bounds import SceneBounds, stand_apart
 from .mesh_topology import is_closed
-from .reach import light_casters
+from .passes.percentage_closer import light_radius_m
+from .reach import casts_for
 from .scene import Camera, Light, LightShape, SceneSnapshot
 from .views import light_axes
 
@@ -30,9 +29,7 @@ def sealing_object(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds) -
     instances, centre_ws = snapshot.instances, light.world_from_light[:3, 3]
     low_ws, high_ws = bounds.extents_ws
     is_around = ((low_ws < centre_ws[:, None]) & (high_ws > centre_ws[:, None])).all(axis=0)
-    is_caster = np.zeros(len(instances), bool)
-    is_caster[light_casters(snapshot, light)] = True
-    candidates = np.flatnonzero(is_around & is_caster & instances.visible_to_camera)
+    candidates = np.flatnonzero(is_around & casts_for(snapshot, light) & instances.visible_to_camera)
     # what the eye sees through hides nothing of what is within
     candidates = candidates[[snapshot.meshes[mesh].opacity_map is None for mesh in instances.mesh_index[candidates]]]
     is_before_eye = stand_apart(snapshot, bounds, _places_of_eye(snapshot.camera), candidates)
@@ -67,7 +64,7 @@ def _closes_around(snapshot: SceneSnapshot, instance: np.int64, light: Light) ->
             return False  # light gets away along it
     triangles, part = mesh.welded_triangles, mesh.part_of_triangle
     windings = np.array([np.bincount(part[crossed], signs, minlength=mesh.vertex_count) for crossed, signs in crossings])
-    reach_os = _radius_m(light) * np.linalg.norm(object_from_world[:3, :3], axis=1)
+    reach_os = light_radius_m(light) * (1 + LIGHT_MARGIN) * np.linalg.norm(object_from_world[:3, :3], axis=1)
     near = _near(mesh.positions_os, mesh.triangles, centre_os, reach_os)
     for around in np.flatnonzero((windings[0] != 0) & (windings == windings[0]).all(axis=0)):
         corners_os = mesh.positions_os[mesh.triangles[near[part[near] == around]]] - centre_os
@@ -113,15 +110,9 @@ def _near(positions: np.ndarray, triangles: np.ndarray, centre: np.ndarray, reac
     return np.flatnonzero(a & b & c == 0)
 
 
-def _radius_m(light: Light) -> float:
-    """of a ball around it"""
-    half_m = light.size_x_m / 2, light.size_y_m / 2
-    return float(math.hypot(*half_m) if light.shape is LightShape.RECTANGLE else max(half_m)) * (1 + LIGHT_MARGIN)
-
-
 def _meet_light(corners_m: np.ndarray, light: Light) -> bool:
     """Whether any of (n, 3, 3) triangles, from the light's centre along the world's axes, comes as near to the light as it reaches."""
-    near = corners_m[distances_to_origin(*np.moveaxis(corners_m, 1, 0)) <= _radius_m(light)]
+    near = corners_m[distances_to_origin(*np.moveaxis(corners_m, 1, 0)) <= light_radius_m(light) * (1 + LIGHT_MARGIN)]
     if light.shape.is_omni or not len(near):
         return len(near) > 0
     half_m = np.array([light.size_x_m, light.size_y_m]) / 2 * (1 + LIGHT_MARGIN)

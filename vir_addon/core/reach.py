@@ -34,10 +34,14 @@ class CasterSet:
     """(caster_count, 8, 3) float64 corners of their bounding boxes"""
 
 
+def casts_for(snapshot: SceneSnapshot, light: Light) -> np.ndarray:
+    """(instance_count,) bool: which may cast this light's shadow."""
+    return snapshot.instances.casts_shadow if light.blockers is None else light.blockers
+
+
 def light_casters(snapshot: SceneSnapshot, light: Light) -> np.ndarray:
     """(n,) int64 instances that may cast this light's shadow."""
-    mask = snapshot.instances.casts_shadow if light.blockers is None else light.blockers
-    return np.flatnonzero(mask)
+    return np.flatnonzero(casts_for(snapshot, light))
 
 
 @dataclass(frozen=True)
