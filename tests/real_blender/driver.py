@@ -118,6 +118,30 @@ def press(key: str, over: dict[str, Any] | None = None, **modifiers: bool) -> St
     yield 0.3
 
 
+def render(seconds: float = 500.0, **modifiers: bool) -> Steps:
+    """Press F12 and wait for the end. Blender tells when that was: a small picture takes less time than passes between two looks."""
+    ended: list[bool] = []
+
+    def note_end(*_: Any) -> None:
+        ended.append(True)
+
+    handlers = bpy.app.handlers.render_complete, bpy.app.handlers.render_cancel
+    for each in handlers:
+        each.append(note_end)
+    yield from press("F12", **modifiers)
+    yield from wait_until(lambda: ended and not bpy.app.is_job_running("RENDER"), "F12 ends", seconds)
+    for each in handlers:
+        each.remove(note_end)
+
+
+def close_other_windows() -> Steps:
+    """All but the first, the render's for example."""
+    while len(bpy.context.window_manager.windows) > 1:
+        with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
+            bpy.ops.wm.window_close()
+        yield 0.3
+
+
 def drop_file(path: Path) -> Iterator[float]:
     """On the 3D viewport, from another program; returns whether Blender took it. Only where windows are X11's."""
     region, window = view()["region"], bpy.context.window_manager.windows[0]

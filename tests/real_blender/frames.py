@@ -7,7 +7,7 @@ sys.path.append(str(Path(__file__).parent))
 
 import bpy
 import numpy as np
-from driver import FOLDER, SCENE, Steps, press, run, screenshot, show_panel, view, wait_until
+from driver import FOLDER, SCENE, Steps, close_other_windows, render, run, screenshot, show_panel, view
 
 SIZE = (240, 135)
 KEY = "VIR Shadow Key"
@@ -83,45 +83,31 @@ def expect() -> Steps:
     bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "frames.blend"))
 
 
-def is_rendering() -> bool:
-    return bpy.app.is_job_running("RENDER")
-
-
 def render_with_f12() -> Steps:
     scene = bpy.context.scene
     expected = np.load(FOLDER / "expected_0001.npy")
     for device in ("MODERNGL", "GPU"):
         scene.vir.device = device
-        yield from press("F12")
-        yield from wait_until(is_rendering, "F12 renders", 30)
-        yield from wait_until(lambda: not is_rendering(), "F12 ends", 300)
+        yield from render()
         difference = np.abs(read_pass() - expected)
         print(f"F12, {device}: mean difference {difference.mean():.5f}, largest {difference.max():.3f}")
         assert not difference.any() if device == "MODERNGL" else difference.mean() < 1e-3
         yield from screenshot(f"1_f12_{device.lower()}")
-        while len(bpy.context.window_manager.windows) > 1:
-            with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
-                bpy.ops.wm.window_close()
-            yield 0.3
+        yield from close_other_windows()
     scene.vir.device = "MODERNGL"
 
 
 def render_animation() -> Steps:
     scene = bpy.context.scene
     scene.render.filepath = str(FOLDER / "window" / "frame_####")
-    yield from press("F12", ctrl=True)
-    yield from wait_until(is_rendering, "the animation begins", 30)
-    yield from wait_until(lambda: not is_rendering(), "the animation ends", 300)
+    yield from render(ctrl=True)
     for frame in (1, 2, 3):
         expected = np.load(FOLDER / f"expected_{frame:04d}.npy")
         found = read_picture(FOLDER / "window" / f"frame_{frame:04d}.exr")[..., 0]
         assert np.array_equal(found, expected), f"frame {frame} differs by up to {np.abs(found - expected).max()}"
     written = sorted(path.name for path in (FOLDER / "file_output").iterdir())
     assert len(written) >= 3, written
-    while len(bpy.context.window_manager.windows) > 1:
-        with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
-            bpy.ops.wm.window_close()
-        yield 0.3
+    yield from close_other_windows()
 
 
 def draws_as_before() -> Steps:

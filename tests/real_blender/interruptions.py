@@ -7,7 +7,7 @@ sys.path.append(str(Path(__file__).parent))
 
 import bmesh
 import bpy
-from driver import FOLDER, MODULE, Steps, press, redraw, run, screenshot, show_panel, view, wait_until
+from driver import FOLDER, MODULE, Steps, close_other_windows, press, redraw, render, run, screenshot, show_panel, view, wait_until
 from previewing import blender_side, finish, is_rendering, make_scene, passes, shown
 
 LIGHT_COUNT = 100
@@ -62,14 +62,9 @@ def render_while_previewing() -> Steps:
         scene.vir.device = device
         bpy.data.objects["Cube"].location.x += 0.2
         yield 0.2
-        yield from press("F12")
-        yield from wait_until(lambda: bpy.app.is_job_running("RENDER"), "F12 renders", 60)
-        yield from wait_until(lambda: not bpy.app.is_job_running("RENDER"), "F12 ends", 400)
+        yield from render()
         assert not blender_side("frame_state").state_of(scene).problem
-        while len(bpy.context.window_manager.windows) > 1:
-            with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
-                bpy.ops.wm.window_close()
-            yield 0.3
+        yield from close_other_windows()
         yield from finish(f"after F12, {device}")
     scene.vir.use_on_render, scene.vir.device = False, "AUTO"
 

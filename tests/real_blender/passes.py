@@ -7,7 +7,7 @@ sys.path += [str(Path(__file__).parent), str(Path(__file__).resolve().parent.par
 
 import bpy
 import numpy as np
-from driver import FOLDER, SCENE, Steps, press, run, screenshot, show_panel, view, wait_until
+from driver import FOLDER, SCENE, Steps, close_other_windows, render, run, screenshot, show_panel, view
 
 from demo_scenes import mirror_room
 
@@ -35,14 +35,9 @@ def write_with_f12(pictures: dict, scene) -> Steps:
         tree.links.new(socket, output.inputs[name])
         (FOLDER / f"{name}.png").unlink(missing_ok=True)
     scene.vir.use_on_render = True
-    yield from press("F12")
-    yield from wait_until(lambda: bpy.app.is_job_running("RENDER"), "F12 renders", 60)
-    yield from wait_until(lambda: not bpy.app.is_job_running("RENDER"), "F12 ends", 500)
+    yield from render()
     assert all((FOLDER / f"{name}.png").is_file() for name in pictures)
-    while len(bpy.context.window_manager.windows) > 1:
-        with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
-            bpy.ops.wm.window_close()
-        yield 0.3
+    yield from close_other_windows()
 
 
 def read(name: str) -> np.ndarray:

@@ -7,7 +7,7 @@ sys.path.append(str(Path(__file__).parent))
 
 import bpy
 import numpy as np
-from driver import FOLDER, MODULE, Steps, click_button, press, run, screenshot, show_panel, view, wait_until
+from driver import FOLDER, MODULE, Steps, click_button, render, run, screenshot, show_panel, view, wait_until
 
 TINT = (0.25, 0.45, 1.0, 1.0)
 
@@ -84,9 +84,7 @@ def steps() -> Steps:
     yield from colour_shadows()
     bpy.context.scene.vir.use_on_render = True
     bpy.context.scene.render.filepath = str(FOLDER / "picture.png")
-    yield from press("F12")
-    yield from wait_until(is_busy, "F12 renders", 60)
-    yield from wait_until(lambda: not is_busy(), "F12 ends", 500)
+    yield from render()
     yield from screenshot("4_result")
     bpy.data.images["Render Result"].save_render(str(FOLDER / "picture.png"))
     picture = bpy.data.images.load(str(FOLDER / "picture.png"))
