@@ -93,8 +93,13 @@ def test_it_ends_with_the_passes_of_a_render(device, progressive, budget_s):
         np.testing.assert_allclose(drawn(progressive), passes[f"VIR Shadow {light_name}" if light_name else "VIR Shadow"], atol=1e-6)
 
 
-SLOW_TO_GATHER = {Method.IVIR: {"buffer_triangles", "cut_parts", "buffer_tiles"}, Method.MICRO: {"gather_triangles"}}
-SLOW_TO_TRANSLATE = set.union(*SLOW_TO_GATHER.values()) | {
+SLOW_TO_GATHER = {
+    Method.IVIR: {"buffer_triangles", "cut_parts", "buffer_tiles"},
+    Method.MICRO: {"gather_triangles", "rasterize_small_triangles"},
+}
+OF_THE_EYE = {"visibility", "surface"}, {"visibility", "surface_with_triangles"}
+"""without reflections, and with them"""
+SLOW_TO_TRANSLATE = set.union(*SLOW_TO_GATHER.values(), *OF_THE_EYE) | {
     "reflect",
     "march_reflections",
     "hit_materials",
@@ -131,6 +136,47 @@ def test_kernels_that_are_not_compiled_yet_get_slices_of_their_own(device, progr
         assert finish(progressive, 60.0) == 1
 
 
+def test_a_kernel_that_is_needed_later_ends_the_slice_it_is_compiled_in(device, progressive):
+    """As those of tiles that settle, which come after the first batch."""
+    scene = view()
+    progressive.show(scene, SETTINGS)
+    finish(progressive)
+    progressive.show(view(key_x=-1.0), SETTINGS)
+    while progressive.standing.views_done == 0:
+        progressive.advance(0.0)
+    with fresh_kernels(device):
+        most = 0
+        while not progressive.is_done:
+            before = device.translation_count
+            progressive.advance(60.0)
+            most = max(most, device.translation_count - before)
+    assert 0 < most <= 4, "one step's"
+
+
+def test_slices_leave_room_for_a_step_that_takes_longer(device, progressive, monkeypatch):
+    """Every step but one takes a tenth of the slice, that one, whichever it is, half of it."""
+    clock = [0.0]
+    monkeypatch.setattr("vir_addon.core.progressive.time.perf_counter", lambda: clock[0])
+    render_passes(view(), device, **OPTIONS)  # which compiles what it takes
+    for slow in range(10, 30):
+        step, steps = progressive._step, [0]
+
+        def timed(step=step, steps=steps, slow=slow):
+            steps[0] += 1
+            clock[0] += 0.5 if steps[0] == slow else 0.1
+            return step()
+
+        with monkeypatch.context() as patch:
+            patch.setattr(progressive, "_step", timed)
+            progressive.show(view(key_x=0.1 * slow), SETTINGS)
+            slices = []
+            while not progressive.is_done:
+                before = clock[0]
+                progressive.advance(1.0)
+                slices.append(clock[0] - before)
+        assert steps[0] > slow and max(slices) <= 1.0 + 1e-9 and len(slices) < steps[0] / 2
+
+
 @pytest.mark.parametrize("method", [Method.IVIR, Method.MICRO])
 @pytest.mark.parametrize(
     ("lights", "effects"),
@@ -160,8 +206,9 @@ def test_a_step_translates_one_kernel_of_those_that_take_long(device, progressiv
             slow += [kernel.declaration.name for kernel in device._started if kernel.declaration.name in SLOW_TO_TRANSLATE]
             assert len(slow) - before <= 1, slow
             before = len(slow)
-        of_effects = SLOW_TO_TRANSLATE - set.union(*SLOW_TO_GATHER.values()) if Effect.REFLECTION in effects else {"resolve"}
-        assert {name for name in slow if slow.count(name) > 1} == of_effects | SLOW_TO_GATHER[method]
+        reflects = Effect.REFLECTION in effects
+        of_effects = SLOW_TO_TRANSLATE - set.union(*SLOW_TO_GATHER.values(), *OF_THE_EYE) if reflects else {"resolve"}
+        assert {name for name in slow if slow.count(name) > 1} == of_effects | SLOW_TO_GATHER[method] | OF_THE_EYE[reflects]
 
 
 def test_the_kernel_for_probed_tiles_of_the_eye_is_compiled_between_pauses(device):

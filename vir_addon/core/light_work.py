@@ -342,7 +342,7 @@ class LightWork(Shared):
         self.batches_done, self.is_between_batches = batch + 1, True
 
     def _mapping(self, method: DepthMapMethod, selected: range) -> Generator[None, None, DepthMaps]:
-        yield from method.getting_ready()
+        yield from method.getting_ready(selected)
         return method.maps_of(selected, self._lent_maps)
 
     def _resolving(

@@ -18,6 +18,8 @@ from .steps import Steps
 
 WATCHED_STEPS = 16
 """The longest of so many latest steps is what the next one is expected to take."""
+AIMED_SHARE = 1 / 2
+"""of a slice, after which nothing more is begun: a step may take longer than those before it did"""
 HOST_WAIT_SHARE = 1 / 3
 """of a slice: short work on another thread is worth waiting for, as the next slice would come later"""
 
@@ -93,11 +95,12 @@ class ProgressiveRender:
         self._steps = self._working(snapshot, settings)
 
     def advance(self, budget_s: float) -> bool:
-        """Work for about so long, one step at least, and no more where kernels are being compiled; whether the picture has changed.
+        """Work for no longer unless a step takes longer: one at least, and no more where kernels are being compiled. Whether the picture
+        has changed.
 
         Raises VirError if what is to be shown cannot be: then nothing happens before `show` is called again.
         """
-        start = time.perf_counter()
+        start, translation_count = time.perf_counter(), self.device.translation_count
         has_changed = has_waited = False
         try:
             while not (self.is_done or has_waited):
@@ -105,7 +108,9 @@ class ProgressiveRender:
                     has_waited = not self._wait(min(budget_s * HOST_WAIT_SHARE, budget_s - (time.perf_counter() - start)))
                 else:
                     has_changed |= self._step()
-                if self._is_compiling or time.perf_counter() - start + max(self._recent_s, default=0.0) > budget_s:
+                if self._is_compiling or self.device.translation_count > translation_count:
+                    break
+                if time.perf_counter() - start + max(self._recent_s, default=0.0) > AIMED_SHARE * budget_s:
                     break
         except BaseException:
             self._stop()

@@ -33,7 +33,7 @@ from .pass_set import (
 )
 from .passes.accumulate import pass_image
 from .passes.emitters import Emitters, has_same_emitters, no_emitters, pack_emitters
-from .passes.eye import EyePass
+from .passes.eye import EyePass, compiling_eye
 from .passes.scene_data import SceneData, SceneGeometry, pack_geometry
 from .passes.surface_data import SurfaceData, pack_surfaces
 from .picture import Shown
@@ -266,6 +266,8 @@ class Renderer:
                 geometry = temporary.own(SceneGeometry(meshes, self.device, rows))
                 self.scene_data = self._owned.own(SceneData(self.snapshot, self.device, geometry))
             yield None
+        if self.eye is None:
+            yield from self.stopwatch.stages("upload", compiling_eye(self.device, self.reflects))
         with self.stopwatch.stage("upload"):
             if self.eye is None:
                 samples_per_batch = self.plan.eye_samples_per_batch

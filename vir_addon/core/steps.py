@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from typing import Any, TypeVar
 
-from ..device.declaration import ComputeDeclaration
-from ..device.interface import ComputeKernel, Device
+from ..device.declaration import ComputeDeclaration, RasterDeclaration
+from ..device.interface import ComputeKernel, Device, RasterKernel
 
 Result = TypeVar("Result")
 
@@ -19,11 +19,23 @@ Steps = Generator[HostWork | None, Any, None]
 def compiling(device: Device, declaration: ComputeDeclaration, *flags: str) -> Generator[None, None, ComputeKernel]:
     """Returns a kernel. One that has to be compiled is so in a step of its own: software rasterizers take long, and as long once more when
     it is first run."""
-    if device.has_kernel(declaration, *flags):
-        return device.compute_kernel(declaration, *flags)
-    yield
+    is_there = device.has_kernel(declaration, *flags)
+    if not is_there:
+        yield
     kernel = device.compute_kernel(declaration, *flags)
-    yield
+    if not is_there:
+        yield
+    return kernel
+
+
+def compiling_raster(device: Device, declaration: RasterDeclaration, *flags: str) -> Generator[None, None, RasterKernel]:
+    """`compiling` of what the rasterizer runs."""
+    is_there = device.has_kernel(declaration, *flags)
+    if not is_there:
+        yield
+    kernel = device.raster_kernel(declaration, *flags)
+    if not is_there:
+        yield
     return kernel
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from ...core.errors import UsageError
 from ...core.picture import Choice, Picture, Shown
 from ...core.plan import settings_for
-from ...core.progressive import HOST_WAIT_SHARE, ProgressiveRender
+from ...core.progressive import AIMED_SHARE, HOST_WAIT_SHARE, ProgressiveRender
 from ...core.scene import SceneSnapshot, has_same_picture, has_same_surfaces, is_same_light
 from ...core.settings import Effect, Settings
 from ...device.interface import Device
@@ -166,9 +166,10 @@ class ViewportPreview:
             self._slow_counts = [0] * len(LEVELS)
         if self._reading is not None and not self._reading.is_of(depsgraph):
             self.note_change()
-        if self.must_read or self._reading is not None or self._read_view is not self.view:
+        must_read = self.must_read or self._reading is not None
+        if must_read or self._read_view is not self.view:
             self._show(depsgraph, self.view, settings, budget_s)
-            if self._reading is not None:
+            if self._reading is not None or (must_read and time.perf_counter() - start > AIMED_SHARE * budget_s):
                 return False
         try:
             has_changed = self.render.advance(max(budget_s - (time.perf_counter() - start), 0.0))
@@ -222,7 +223,7 @@ class ViewportPreview:
             surfaces = self._surfaces if self._surfaces is None or not with_materials or self._surfaces.appearance else None
             self._reading = _Reading(SceneReading(view=view, with_materials=with_materials, cache=self.cache, surfaces=surfaces), depsgraph)
         reading = self._reading
-        self.cache.begin(budget_s)
+        self.cache.begin(AIMED_SHARE * budget_s)
         try:
             if not reading.advance(self.executor, budget_s):
                 return None

@@ -16,7 +16,7 @@ from ..passes.scene_data import SceneData
 from ..passes.shadow_maps import MAX_BATCH_VIEWS, RASTERIZE_CUT_OUTS, DepthMaps, views_table
 from ..scene import Light
 from ..settings import Settings
-from ..steps import run_steps
+from ..steps import compiling_raster, run_steps
 from .shared import SharedByFaces
 
 if TYPE_CHECKING:
@@ -74,9 +74,10 @@ class DepthMapMethod(abc.ABC):
         """`prepare` in steps, on the device's thread."""
         yield from ()  # most methods have nothing to prepare
 
-    def getting_ready(self) -> Generator[None, None, None]:
+    def getting_ready(self, selected: range) -> Generator[None, None, None]:
         """What `maps_of` would do at once where it can be done in steps, on the device's thread."""
-        yield from ()
+        if self.has_cut_outs:
+            yield from compiling_raster(self.device, RASTERIZE_CUT_OUTS, *self.raster_flags)
 
     def maps_of(self, selected: range, lend: Callable[[], DepthMaps]) -> DepthMaps:
         """The maps of the selected views, in those that are lent unless the method has its own."""

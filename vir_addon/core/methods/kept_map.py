@@ -28,6 +28,7 @@ class KeptMap(ReplayMethod):
         try:
             yield from self._maker.preparing()
             yield
+            yield from self._maker.getting_ready(range(1))
             self._maker.fill(kept, range(1))
             self.portion_count = self._maker.portion_count
         finally:
@@ -39,7 +40,7 @@ class KeptMap(ReplayMethod):
             self._kept.release()
         self._kept = None
 
-    def getting_ready(self) -> Generator[None, None, None]:
+    def getting_ready(self, selected: range) -> Generator[None, None, None]:
         if not self.has_cut_outs:
             yield from self._holding()
 

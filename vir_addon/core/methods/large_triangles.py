@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from ...device.interface import DeviceMesh, Draw
+from ...device.interface import DeviceMesh, Draw, RasterKernel
 from ...device.owned import Owned
 from ..passes.shadow_maps import RASTERIZE_DEPTH, DepthMaps
+from ..steps import compiling_raster
 from .base import DepthMapMethod
 from .linear_store import LinearStore
 
@@ -93,6 +94,10 @@ class LargeTriangles:
         mesh = self._owned.own(self.method.device.upload_mesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3)))
         first = np.flatnonzero(np.diff(instance[order], prepend=-1))
         self._lists.append(_PlacedTriangles(mesh, instance[order][first], first, np.diff(first, append=count)))
+
+    def compiling(self) -> Generator[None, None, RasterKernel]:
+        """What draws them, in steps."""
+        return compiling_raster(self.method.device, RASTERIZE_DEPTH, "PLACED", *self.method.raster_flags)
 
     def rasterize(self, maps: DepthMaps, selected: range, views: np.ndarray) -> None:
         """Draw those of the instances that each view needs.

@@ -53,6 +53,7 @@ class MicroTriangleRasterization(ReplayMethod):
         self.large_count = 0
         self.kept_count = 0
         self.large = LargeTriangles(self)
+        self._looks_first = ["LOOKS_FIRST"] * (not self.device.is_software)
         self._portions: list[_Portion] = []
         self._gathered: _Portion | None = None
         self.capacity_limit = max(job.shared.budget_bytes // BYTES_PER_TRIANGLE, FIRST_CAPACITY)
@@ -67,7 +68,7 @@ class MicroTriangleRasterization(ReplayMethod):
         expected = max(min(self._expected_triangle_count, self.capacity_limit), FIRST_CAPACITY)
         self.triangles = LinearStore(self.device, TEXELS_PER_TRIANGLE * expected)
         self._is_held = True
-        self._plan_portions()
+        yield from self._planning_portions()
         self.small_count = sum(portion.small_count for portion in self._portions)
         self.large_count = self.large.triangle_count
         self.portion_count = len(self._portions)
@@ -89,7 +90,7 @@ class MicroTriangleRasterization(ReplayMethod):
         counts = self.scene_data.triangle_counts[self.scene_data.snapshot.instances.mesh_index[casters]]
         return int(np.where(self.culled[casters], counts * 2 // 3 + 1, counts).sum())
 
-    def _plan_portions(self) -> None:
+    def _planning_portions(self) -> Generator[None, None, None]:
         pending = [_Portion(0, self.work.group_count)]
         while pending:
             portion = pending.pop()
@@ -99,6 +100,8 @@ class MicroTriangleRasterization(ReplayMethod):
                 first = portion.first_group
                 pending += [_Portion(first + half, portion.group_count - half), _Portion(first, half)]
                 continue
+            if large_count:
+                yield
             self.large.add(self.triangles, TEXELS_PER_TRIANGLE * (self._capacity - large_count), large_count)
             self._gathered = _Portion(portion.first_group, portion.group_count, small_count)
             self._portions.append(self._gathered)
@@ -135,6 +138,17 @@ class MicroTriangleRasterization(ReplayMethod):
 
     # batches
 
+    def getting_ready(self, selected: range) -> Generator[None, None, None]:
+        yield from self._holding()
+        if self.large_count:
+            yield from self.large.compiling()
+        if self.small_count:
+            yield from compiling(self.device, RASTERIZE_SMALL_TRIANGLES, *self.flags, *self._looks_first)
+        if self.small_count and self._may_search_hidden(selected):
+            yield from compiling(self.device, KEEP_SEEN_TRIANGLES, *self.flags)
+            yield from compiling(self.device, ORDER_TRIANGLES)
+        yield from super().getting_ready(selected)
+
     def _fill(self, maps: DepthMaps, selected: range) -> None:
         self._hold()
         views = self.views_table(selected)
@@ -150,9 +164,8 @@ class MicroTriangleRasterization(ReplayMethod):
             self._rasterize_small(maps, batch, SKIP_FACING)
 
     def _rasterize_small(self, maps: DepthMaps, batch: dict[str, Any], skipped_facing: int) -> None:
-        looks_first = ["LOOKS_FIRST"] * (not self.device.is_software)
         for portion in self._gathered_portions():
-            self.device.compute_kernel(RASTERIZE_SMALL_TRIANGLES, *self.flags, *looks_first).dispatch_linear(
+            self.device.compute_kernel(RASTERIZE_SMALL_TRIANGLES, *self.flags, *self._looks_first).dispatch_linear(
                 portion.small_count,
                 gathered_triangles=self.triangles.texture,
                 depth_maps=maps.texture,

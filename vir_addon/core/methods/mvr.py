@@ -6,12 +6,19 @@ instanced draw, all views of a batch into one target, linear depth from the frag
 
 from __future__ import annotations
 
+from collections.abc import Generator
+
 from ...device.interface import EMPTY_DEPTH_BITS
 from ..passes.shadow_maps import RASTERIZE_DEPTH, DepthMaps
+from ..steps import compiling_raster
 from .base import DepthMapMethod
 
 
 class MultiviewRasterization(DepthMapMethod):
+    def getting_ready(self, selected: range) -> Generator[None, None, None]:
+        yield from compiling_raster(self.device, RASTERIZE_DEPTH, *self.raster_flags)
+        yield from super().getting_ready(selected)
+
     def _fill(self, maps: DepthMaps, selected: range) -> None:
         kernel = self.device.raster_kernel(RASTERIZE_DEPTH, *self.raster_flags)
         target = maps.target

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, RasterDeclaration, Sampled, Stored, Table, Varying
-from ...device.interface import Texture, TextureFormat
+from ...device.interface import Device, Texture, TextureFormat
 from ...device.owned import Owned, Shared
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera
-from ..steps import compiling, run_steps
+from ..steps import compiling, compiling_raster, run_steps
 from .opacity_maps import of_cut_outs
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData, portions
 from .tiles import PROBES_FLAG, SIZE_CONSTANTS, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, TileSplit, grid_shape
@@ -91,6 +91,16 @@ SURFACE_WITH_TRIANGLES = replace(
 )
 
 
+def _surface_declaration(with_triangles: bool) -> ComputeDeclaration:
+    return SURFACE_WITH_TRIANGLES if with_triangles else SURFACE
+
+
+def compiling_eye(device: Device, with_triangles: bool) -> Generator[None, None, None]:
+    """What every `EyePass` runs, in steps."""
+    yield from compiling_raster(device, VISIBILITY)
+    yield from compiling(device, _surface_declaration(with_triangles))
+
+
 def clip_from_view(camera: Camera, near_m: float, far_m: float) -> np.ndarray:
     """(4, 4) float64 OpenGL projection of the camera's window."""
     left, right, bottom, top = camera.window
@@ -138,7 +148,7 @@ class EyePass(Shared):
         self._indices: Sequence[int] = ()
         """of the current batch's offsets"""
         self.rasterize = device.raster_kernel(VISIBILITY)
-        self.surface_declaration = SURFACE_WITH_TRIANGLES if with_triangles else SURFACE
+        self.surface_declaration = _surface_declaration(with_triangles)
         self.surface = device.compute_kernel(self.surface_declaration)
         # An orthographic camera sees from infinitely far away, as far as culling can tell, and in a mirrored picture front faces are wound
         # like back faces: everything is drawn.
@@ -256,7 +266,8 @@ class EyePass(Shared):
                 yield
             self.rasterize.draw(self.target, viewport, draws, **bindings)
         if self.scene_data.opacity_maps is not None:
-            self.device.raster_kernel(VISIBILITY_OF_CUT_OUTS).draw(
+            kernel = yield from compiling_raster(self.device, VISIBILITY_OF_CUT_OUTS)
+            kernel.draw(
                 self.target,
                 viewport,
                 self.cut_out_draws,
