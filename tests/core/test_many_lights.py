@@ -17,7 +17,9 @@ from tests.scenes import (
     spot_light,
     sun_light,
 )
-from vir_addon.core.settings import Method
+from vir_addon.core.errors import UsageError
+from vir_addon.core.plan import check_device, plan
+from vir_addon.core.settings import Method, Settings
 
 WIDTH, HEIGHT = 48, 27
 
@@ -90,3 +92,16 @@ def test_points_made_again_are_the_same(device):
     kept, again = (render_passes(scene, device, replay_buffer_mib=mib, **arguments) for mib in (256, 5))
     for name, image in kept.items():
         np.testing.assert_array_equal(again[name], image)
+
+
+def test_lights_that_need_no_map_get_none(device, monkeypatch):
+    """Nor does the device have to be able to make it."""
+    monkeypatch.setattr("vir_addon.core.light_work.DepthMaps", None)
+    camera = perspective_camera((0.5, -6.0, 3.5), (0.0, 0.0, 0.5), WIDTH, HEIGHT)
+    scene = snapshot([floor(6.0)], [point_light("Bulb", (1.0, 0.0, 3.0)), sun_light("Sun")], camera, WIDTH, HEIGHT)
+    passes = render_passes(scene, device, view_count=16, map_resolution_px=128)
+    assert len(passes) == 3 and all(image.min() == 1.0 for image in passes.values())
+    monkeypatch.setattr(device, "max_texture_size_px", 1024)
+    check_device(plan(scene, Settings(view_count=64, map_resolution_px=8192)), device)
+    with pytest.raises(UsageError, match="largest texture"):
+        check_device(plan(scene_with(list(ring_of_lights(4))), Settings(view_count=64, map_resolution_px=8192)), device)

@@ -113,6 +113,8 @@ class MapStore(Shared):
             zeros = np.zeros((height, width, 4), np.float32)
             self.batch_sums = [owned.own(device.upload_texture(zeros)) for _ in range(plan.eye_samples_per_batch)]
             """of each round of a batch"""
+            self.no_maps: Texture = owned.own(device.create_texture(1, 1, TextureFormat.R32UI))
+            """what kernels are bound to where they read no map"""
             self.no_receivers: Texture = owned.own(device.upload_array(np.ones((1, 4), np.float32)))
             self._owned = owned.pop_all()
 
@@ -316,10 +318,9 @@ class LightWork(Shared):
             self.accumulator.begin_batch(len(eye.buffers))
         turns: FaceTurns | None = None
         for index, (_, _, method) in enumerate(self.mapped):
-            if method is None:
-                maps = self._lent_maps()
-            else:
-                maps = yield from stopwatch.stages("splat or raster", self._mapping(method, selected))
+            maps = self.store.no_maps
+            if method is not None:
+                maps = (yield from stopwatch.stages("splat or raster", self._mapping(method, selected))).texture
             rounds = self._rounds(eye, index, maps, batch)
             if reflections is not None:
                 for hits in reflections.all_hits:
@@ -330,7 +331,7 @@ class LightWork(Shared):
         if self.has_pass and not self.faces:
             # nothing visible is reached; surfaces still have to be told from the background
             with stopwatch.stage("resolve"):
-                nothing = {"map_face": 0, "face_mask": 0, "depth_maps": self.store.maps(1).texture}
+                nothing = {"map_face": 0, "face_mask": 0, "depth_maps": self.store.no_maps}
                 empty = {name: np.zeros((1, 4)) for name in ("face", "views", "samples")}
                 only_turn = np.full(self.accumulator.looked_up.shape, FIRST_FACE | LAST_FACE)
                 for part in range(len(eye.buffers)):
@@ -445,12 +446,12 @@ class LightWork(Shared):
             "height": height,
         }
 
-    def _rounds(self, eye: EyePass, index: int, maps: DepthMaps, batch: int) -> list[dict[str, Any]]:
+    def _rounds(self, eye: EyePass, index: int, maps: Texture, batch: int) -> list[dict[str, Any]]:
         """What RESOLVE is bound to for each of a batch's eye samples while the maps are those of a face."""
         fitted, table, method = self.mapped[index]
         selected = self.batch_views(batch)
         face = {
-            "depth_maps": maps.texture,
+            "depth_maps": maps,
             "face": table,
             "views": views_table(fitted.views, selected),
             "samples": samples_table(fitted.views, self.sample_weights, selected),

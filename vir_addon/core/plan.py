@@ -228,8 +228,9 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
             "choose the device moderngl, or the point generation compute"
         )
     most_views = max((planned.view_count for planned in running), default=0)
+    mapped_views = max((planned.view_count for planned in running if planned.needs_maps), default=0)
     resolution_px, limit_px = render_plan.settings.map_resolution_px, device.max_texture_size_px
-    height_px = resolution_px * math.ceil(most_views / render_plan.batch_count)
+    height_px = resolution_px * math.ceil(mapped_views / render_plan.batch_count)
     if height_px > limit_px:
         # smaller maps come in larger batches
         reflects = render_plan.reflections is not None and render_plan.reflections.runs
@@ -239,7 +240,7 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
             count = _light_batch_count(most_views, px, render_plan.settings, only_reflects)
             return least_ray_batches(render_plan.settings.reflection_sample_count, count) if reflects else count
 
-        fitting_px = next(px for px in range(resolution_px, 0, -1) if px * math.ceil(most_views / batches_of(px)) <= limit_px)
+        fitting_px = next(px for px in range(resolution_px, 0, -1) if px * math.ceil(mapped_views / batches_of(px)) <= limit_px)
         raise UsageError(
             f"a batch of maps of {resolution_px} px is {height_px} px high, and the device's largest texture {limit_px} px: "
             f"choose a map resolution of {fitting_px} or less"
