@@ -7,6 +7,7 @@
 #include "lib/reflection_map.glsl"
 
 const float FAR_ALONG = 1.0e30;
+const vec2 NOWHERE = vec2(FAR_ALONG, -FAR_ALONG);
 const float STEP_PAST = 1.0e-3;       // of the way through a cell, to be in the next one
 const float ROUNDING = 1.0e-6;        // of the distance to the map's centre
 const float OWN_SHARE = 10.0;         // of what is rounding to other surfaces, in maps of what the ray begins in
@@ -79,19 +80,25 @@ Found meet_neighbours(ReflectionMap map, int face, ivec2 own, vec2 place, vec3 o
     return found;
 }
 
+// From where to where along a ray it is in a ball around the origin.
+vec2 within_ball(vec3 start, vec3 direction, float radius) {
+    float middle = -dot(start, direction);
+    float half_chord = radius * radius - dot(start, start) + middle * middle;
+    return half_chord > 0.0 ? middle + sqrt(half_chord) * vec2(-1.0, 1.0) : NOWHERE;
+}
+
 // The ray from its origin on; nothing is met before `first_m`, and what is met beyond `last_m` may be left out.
 Found march(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m, float last_m) {
     vec3 start = map_direction(map, origin_ws - map.center_ws);
     vec3 direction = map_direction(map, direction_ws);
     Found found = Found(Meeting(FAR_ALONG, vec2(0.0), false), vec4(-1.0), REFLECTED_NOTHING);
     // all that the map shows is in the ball of its reach
-    float middle = -dot(start, direction);
-    float half_chord = map.reach_m * map.reach_m - dot(start, start) + middle * middle;
-    float end = middle + sqrt(max(half_chord, 0.0));
-    if (half_chord <= 0.0 || end <= 0.0) {
+    vec2 within = within_ball(start, direction, map.reach_m);
+    float end = within.y;
+    if (end <= 0.0) {
         return found;
     }
-    float along = max(2.0 * middle - end, 0.0);
+    float along = max(within.x, 0.0);
     int level = MAP_LEVELS - 1;
     int step_count = 0;
     do {
@@ -195,45 +202,66 @@ Found follow(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m
 #endif
 }
 
+// Where a ray is in the ball around all that a map shows.
+vec2 within_reach(int number, vec3 origin_ws, vec3 direction_ws) {
+    vec3 center_ws;
+    float reach_m;
+    load_ball(number, center_ws, reach_m);
+    return within_ball(origin_ws - center_ws, direction_ws, reach_m);
+}
+
 const int FIRST_FURTHER = 3 + OWN_CUBES * (1 + FURTHER_MAPS);  // of the turns below
 
 // What a ray meets that begins at a reflector, or at what this shows: by its first map, by that beside it where the ray leaves the first or
 // comes to what is hidden there, and by that of the reflector itself; -1: none. What these do not know others may: cubes of this and of other
-// reflectors alone, from which nothing else hides them; and where the ray is hidden, or the eye sees the reflector's hollows, what is around
-// other reflectors. What is met there exactly is there, and the nearest of it counts. Two of the latter, neither of which sees all that stands
-// there, that both see nothing in a direction, show that there is nothing.
+// reflectors alone, from which nothing else hides them; and what is around other reflectors, where the ray is hidden, or, as far as the
+// reflector itself reaches, where the eye sees its hollows. What is met there exactly is there, and the nearest of it counts. Two of the
+// latter, neither of which sees all that stands there, that both see nothing in a direction, show that there is nothing.
 Found follow_through(ivec3 numbers, vec3 origin_ws, vec3 direction_ws, float first_m) {
     Found found = Found(Meeting(FAR_ALONG, vec2(0.0), false), vec4(-1.0), REFLECTED_NOTHING);
     int seen_past = 0;
     ivec4 further = further_maps(numbers.x);
+    int own = own_cube(numbers.x);
+    float own_end_m = own < 0 ? FAR_ALONG : within_reach(own, origin_ws, direction_ws).y;
     // in turns: what stands in a kernel twice is compiled twice
 #ifdef BY_DIRECTION
     const int turn_count = 2;
 #else
     const int turn_count = FIRST_FURTHER + FURTHER_MAPS;
 #endif
-    for (int turn = 0; turn < turn_count; turn++) {
-        bool is_further = turn >= FIRST_FURTHER;
-        bool is_first = turn < 2;  // of the reflector, and without it
-        int number = -1;
-        if (is_further) {
-            number = further[turn - FIRST_FURTHER];
-        } else if (turn < 3) {
-            number = numbers[turn];
-        } else {
-            int whose = (turn - 3) / OWN_CUBES;
-            int first = own_cube(whose == 0 ? numbers.x : further[whose - 1]);
-            number = first < 0 ? -1 : first + (turn - 3) % OWN_CUBES;
-        }
+    int next = 0;
+    while (next < turn_count) {
         bool has_left = found.how == REFLECTED_OUT_OF_VIEW;
         bool is_hidden = found.how == REFLECTED_BY_DIRECTION;
-        bool is_asked = is_further ? is_hidden || numbers.z >= 0 : turn != 1 || has_left || is_hidden;
-        if (number < 0 || !is_asked) {
-            continue;
+        float found_m = found.how == REFLECTED_SURFACE ? found.meeting.along : FAR_ALONG;
+        // on to the next map that this ray asks: neighbours follow theirs together, whichever turns these are
+        int turn;
+        int number = -1;
+        do {
+            turn = next;
+            next++;
+            if (turn < 3) {
+                number = turn != 1 || has_left || is_hidden ? numbers[turn] : -1;
+            } else if (turn >= FIRST_FURTHER) {
+                number = is_hidden || numbers.z >= 0 ? further[turn - FIRST_FURTHER] : -1;
+            } else {
+                int whose = (turn - 3) / OWN_CUBES;
+                int which = (turn - 3) % OWN_CUBES;
+                int first = own_cube(whose == 0 ? numbers.x : further[whose - 1]);
+                vec2 within = first < 0 ? NOWHERE : within_reach(first, origin_ws, direction_ws);
+                number = within.y > 0.0 && within.x <= found_m ? first + which : -1;
+                // they are of the same ball
+                next += number < 0 ? OWN_CUBES - 1 - which : 0;
+            }
+        } while (number < 0 && next < turn_count);
+        if (number < 0) {
+            break;
         }
+        bool is_further = turn >= FIRST_FURTHER;
+        bool is_first = turn < 2;  // of the reflector, and without it
         // other maps tell what is there, and whether nothing is
         bool may_guess = is_first || (is_further && is_hidden);
-        float last_m = found.how == REFLECTED_SURFACE ? found.meeting.along : FAR_ALONG;
+        float last_m = is_further && !is_hidden ? min(found_m, own_end_m) : found_m;
         Found one = follow(load_map(number), origin_ws, direction_ws, (is_first ? 1.0 : OWN_SHARE) * first_m, last_m, may_guess);
         seen_past += int(is_further && is_hidden && one.how == REFLECTED_NOTHING);
         bool is_before = found.how != REFLECTED_SURFACE || one.meeting.along < found.meeting.along;

@@ -41,6 +41,12 @@ ReflectionMap load_map(int number) {
     return map;
 }
 
+// Around all that the map shows.
+void load_ball(int number, out vec3 center_ws, out float reach_m) {
+    center_ws = texelFetch(map_headers, linear_texel(HEADER_TEXELS * number), 0).xyz;
+    reach_m = texelFetch(map_headers, linear_texel(HEADER_TEXELS * number + 5), 0).w;
+}
+
 // Maps of other reflectors that may know what this one does not; -1: none.
 ivec4 further_maps(int number) {
     return ivec4(texelFetch(map_headers, linear_texel(HEADER_TEXELS * number + 6), 0));
