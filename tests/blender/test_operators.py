@@ -16,6 +16,7 @@ import bmesh  # noqa: E402  (bpy decides whether this file runs)
 from vir_addon import blender  # noqa: E402
 from vir_addon.blender import devices, frame_state, job, operators, panels, report_file  # noqa: E402
 from vir_addon.blender.images import scene_images  # noqa: E402
+from vir_addon.blender.object_names import named_object  # noqa: E402
 from vir_addon.blender.properties import settings_of  # noqa: E402
 from vir_addon.blender.stepped_render import SteppedRender  # noqa: E402
 from vir_addon.core.errors import DeviceError, SceneError  # noqa: E402
@@ -409,6 +410,38 @@ def test_a_renamed_light_keeps_its_row_and_what_was_planned(room):
     assert frame_state.decision_text(state, state.name_of(other)) == "not planned yet"
     bpy.ops.vir.plan()
     assert (state.name_of(key), state.name_of(other)) == ("Main", "Key")
+
+
+@pytest.mark.parametrize("property_name", ["active_light", "active_reflector", "preview_light"])
+def test_a_name_that_a_script_sets_means_the_object_that_has_it_then(room, property_name):
+    """Not one that bore it when the property was set before."""
+    first = bpy.data.objects["Key"]
+    setattr(room.vir, property_name, "Key")
+    assert named_object(room.vir, property_name) == first
+    first.name = "Main"
+    second = bpy.data.objects.new("Key", bpy.data.lights.new("Key", "AREA"))
+    room.collection.objects.link(second)
+    assert named_object(room.vir, property_name) == first
+    setattr(room.vir, property_name, "Key")
+    assert named_object(room.vir, property_name) == second
+    setattr(room.vir, property_name, "Nobody")
+    assert named_object(room.vir, property_name) is None
+
+
+@pytest.mark.parametrize("property_name", ["active_light", "active_reflector", "preview_light"])
+@pytest.mark.parametrize("has_namesake", [False, True])
+def test_a_copy_of_a_scene_means_what_the_scene_means(room, property_name, has_namesake):
+    key = bpy.data.objects["Key"]
+    setattr(room.vir, property_name, "Key")
+    key.name = "Main"
+    if has_namesake:
+        room.collection.objects.link(bpy.data.objects.new("Key", bpy.data.lights.new("Key", "AREA")))
+    copy = room.copy()
+    assert named_object(copy.vir, property_name) == named_object(room.vir, property_name) == key
+    # what is set in one of them is not meant in the other
+    setattr(copy.vir, property_name, "Lamp")
+    assert named_object(copy.vir, property_name).name == "Lamp" and named_object(room.vir, property_name) == key
+    bpy.data.scenes.remove(copy)
 
 
 def test_figures_of_a_render_stay_with_lights_that_are_renamed_and_planned_again(room):

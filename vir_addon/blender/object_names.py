@@ -11,19 +11,24 @@ from collections.abc import Sequence
 import bpy
 
 _meant: dict[tuple[int, str], tuple[str, int]] = {}
-"""session_uid of a scene and name of a property -> the name in it, session_uid of the object"""
+"""session_uid of a scene and name of a property -> the name in it, session_uid of the object or 0 if none had it when it was set"""
 
 
 def named_object(group: bpy.types.PropertyGroup, property_name: str) -> bpy.types.Object | None:
     """The object that a property of a scene's settings names; None: none of the scene's."""
     objects, name = group.id_data.objects, getattr(group, property_name)
     found, key = objects.get(name), (group.id_data.session_uid, property_name)
-    known_name, uid = _meant.get(key, ("", 0))
+    known_name, uid = _meant.get(key) or _meant_by_others(property_name, name)
     if uid and known_name == name and (found is None or found.session_uid != uid):
         found = next((item for item in objects if item.session_uid == uid), found)
     if found is not None:
         _meant[key] = name, found.session_uid
     return found
+
+
+def _meant_by_others(property_name: str, name: str) -> tuple[str, int]:
+    """A scene that has never been asked may be a copy of one that has: it has the name from there, and objects as well."""
+    return next((meant for (_, other), meant in _meant.items() if other == property_name and meant[0] == name), ("", 0))
 
 
 def shown_name(group: bpy.types.PropertyGroup, property_name: str) -> str:
@@ -40,8 +45,9 @@ def name_object(group: bpy.types.PropertyGroup, property_name: str, name: str) -
 
 def mean_anew(group: bpy.types.PropertyGroup, property_name: str) -> None:
     """Have a property mean the object that has the name in it now, whatever it meant: it has been set."""
-    _meant.pop((group.id_data.session_uid, property_name), None)
-    named_object(group, property_name)
+    name = getattr(group, property_name)
+    found = group.id_data.objects.get(name)
+    _meant[group.id_data.session_uid, property_name] = name, 0 if found is None else found.session_uid
 
 
 def write_names(groups: Sequence[bpy.types.PropertyGroup], property_names: Sequence[str]) -> None:

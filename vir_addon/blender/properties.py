@@ -134,6 +134,14 @@ def _set_preview_light(group: VIR_SceneSettings, name: str) -> None:
     name_object(group, "preview_light", name)
 
 
+def _mean_active_light(group: VIR_SceneSettings, _context: Any) -> None:
+    mean_anew(group, "active_light")
+
+
+def _mean_active_reflector(group: VIR_SceneSettings, _context: Any) -> None:
+    mean_anew(group, "active_reflector")
+
+
 def _mean_preview_light(group: VIR_SceneSettings, context: bpy.types.Context) -> None:
     mean_anew(group, "preview_light")
     _redraw_viewports(group, context)
@@ -335,7 +343,10 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
     )
 
     active_light: bpy.props.StringProperty(
-        name="Active Light", description="The light whose details are shown: the name of its object", options={"HIDDEN"}
+        name="Active Light",
+        description="The light whose details are shown: the name that its object had when it was chosen",
+        options={"HIDDEN"},
+        update=_mean_active_light,
     )
     active_light_index: bpy.props.IntProperty(
         name="Active Light",
@@ -346,7 +357,10 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
     )
 
     active_reflector: bpy.props.StringProperty(
-        name="Active Reflector", description="The reflector whose details are shown: the name of its object", options={"HIDDEN"}
+        name="Active Reflector",
+        description="The reflector whose details are shown: the name that its object had when it was chosen",
+        options={"HIDDEN"},
+        update=_mean_active_reflector,
     )
     active_reflector_index: bpy.props.IntProperty(
         name="Active Reflector",
