@@ -22,6 +22,7 @@ from tests.scenes import (
     snapshot,
     spot_light,
 )
+from vir_addon.core import progressive as progressive_render
 from vir_addon.core.bounds import compute_bounds
 from vir_addon.core.errors import SceneError
 from vir_addon.core.material import World
@@ -29,7 +30,7 @@ from vir_addon.core.passes.accumulate import pass_image
 from vir_addon.core.passes.eye import EyePass
 from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.picture import Choice
-from vir_addon.core.progressive import ProgressiveRender
+from vir_addon.core.progressive import NEARBY_STEPS, ProgressiveRender
 from vir_addon.core.settings import Effect, Method, Settings
 from vir_addon.device.owned import Owned
 
@@ -154,20 +155,21 @@ def test_a_kernel_that_is_needed_later_ends_the_slice_it_is_compiled_in(device, 
 
 
 def test_slices_leave_room_for_a_step_that_takes_longer(device, progressive, monkeypatch):
-    """Every step but one takes a tenth of the slice, that one, whichever it is, half of it."""
+    """Every step but one takes a tenth of the slice, that one, whichever it is, six."""
     clock = [0.0]
     monkeypatch.setattr("vir_addon.core.progressive.time.perf_counter", lambda: clock[0])
     render_passes(view(), device, **OPTIONS)  # which compiles what it takes
+    send = progressive_render._send
     for slow in range(10, 30):
-        step, steps = progressive._step, [0]
+        steps = [0]
 
-        def timed(step=step, steps=steps, slow=slow):
+        def timed(*given, steps=steps, slow=slow):
             steps[0] += 1
-            clock[0] += 0.5 if steps[0] == slow else 0.1
-            return step()
+            clock[0] += 0.6 if steps[0] == slow else 0.1
+            return send(*given)
 
         with monkeypatch.context() as patch:
-            patch.setattr(progressive, "_step", timed)
+            patch.setattr(progressive_render, "_send", timed)
             progressive.show(view(key_x=0.1 * slow), SETTINGS)
             slices = []
             while not progressive.is_done:
@@ -175,6 +177,34 @@ def test_slices_leave_room_for_a_step_that_takes_longer(device, progressive, mon
                 progressive.advance(1.0)
                 slices.append(clock[0] - before)
         assert steps[0] > slow and max(slices) <= 1.0 + 1e-9 and len(slices) < steps[0] / 2
+
+
+def test_a_long_step_of_every_batch_is_expected_where_it_comes(device, progressive, monkeypatch):
+    """However many short ones lie between, which share their slices."""
+    clock = [0.0]
+    monkeypatch.setattr("vir_addon.core.progressive.time.perf_counter", lambda: clock[0])
+    lights = [area_light(f"Light {number}", (number - 5.0, -2.0, 5.0)) for number in range(10)]
+    scene, settings = view(lights=lights), Settings(view_count=8, map_resolution_px=64, batch_view_count=2)
+    render_passes(scene, device, view_count=8, map_resolution_px=64, batch_view_count=2)
+    send = progressive_render._send
+
+    def timed(*given):
+        is_long = progressive._is_rendering and len(progressive._batch_s) == 30
+        clock[0] += 0.9 if is_long else 0.02
+        return send(*given)
+
+    monkeypatch.setattr(progressive_render, "_send", timed)
+    progressive.show(scene, settings)
+    slices = []
+    while not progressive.is_done:
+        before, batches = clock[0], progressive._batches_done
+        progressive.advance(1.0)
+        if batches > 0:
+            slices.append(clock[0] - before)
+    assert progressive.plan.batch_count > 3
+    assert 0.9 <= max(slices) < 0.9 + 1e-9
+    # the long one alone, those near to it, and the others
+    assert len(slices) <= progressive.plan.batch_count * (1 + 2 * NEARBY_STEPS + 3)
 
 
 @pytest.mark.parametrize("method", [Method.IVIR, Method.MICRO])

@@ -17,7 +17,10 @@ from .settings import Settings
 from .steps import Steps
 
 WATCHED_STEPS = 16
-"""The longest of so many latest steps is what the next one is expected to take."""
+"""The longest of so many latest steps is what the next one is expected to take in the first batch."""
+NEARBY_STEPS = 3
+"""Batches are made in the same steps: in later ones it is the longest of so many before and after its place in the batch before. Which
+steps pause may change by some."""
 AIMED_SHARE = 1 / 2
 """of a slice, after which nothing more is begun: a step may take longer than those before it did"""
 HOST_WAIT_SHARE = 1 / 3
@@ -65,6 +68,9 @@ class ProgressiveRender:
         self._answer: Any = None
         """what has come of it"""
         self._recent_s: deque[float] = deque(maxlen=WATCHED_STEPS)
+        self._batch_s: list[float] = []
+        """steps of the batch so far"""
+        self._batch_before_s: list[float] = []
         self._drawn: tuple[Choice, int] | None = None
         """what is in the picture, and after how many batches"""
         self._batches_done = 0
@@ -92,6 +98,7 @@ class ProgressiveRender:
         self.standing = Standing()
         self.slowest_step_ms, self._batches_done, self._is_between_batches, self._drawn = 0.0, 0, False, None
         self._is_rendering, self.compiled_count = False, 0
+        self._batch_s, self._batch_before_s = [], []
         self._steps = self._working(snapshot, settings)
 
     def advance(self, budget_s: float) -> bool:
@@ -110,7 +117,7 @@ class ProgressiveRender:
                     has_changed |= self._step()
                 if self._is_compiling or self.device.translation_count > translation_count:
                     break
-                if time.perf_counter() - start + max(self._recent_s, default=0.0) > AIMED_SHARE * budget_s:
+                if time.perf_counter() - start + self._expected_s > AIMED_SHARE * budget_s:
                     break
         except BaseException:
             self._stop()
@@ -119,6 +126,13 @@ class ProgressiveRender:
             busy_ms = self.standing.busy_ms + (time.perf_counter() - start) * 1e3
             self.standing = Standing(self.standing.views_done, self.standing.views_total, self.standing.error_estimate, busy_ms)
         return has_changed
+
+    @property
+    def _expected_s(self) -> float:
+        """What the next step will take."""
+        place = len(self._batch_s)
+        nearby_s = self._batch_before_s[max(place - NEARBY_STEPS, 0) : place + NEARBY_STEPS + 1]
+        return max(nearby_s or self._recent_s, default=0.0)
 
     def _wait(self, limit_s: float) -> bool:
         """For what happens in the executor; whether it is there."""
@@ -142,6 +156,8 @@ class ProgressiveRender:
             self._recent_s.append(took_s)
             if self._is_rendering:
                 self.slowest_step_ms = max(self.slowest_step_ms, took_s * 1e3)
+        if self._is_rendering:
+            self._batch_s.append(took_s)
         if has_ended:
             self._steps = None
         elif host_work is not None:
@@ -166,6 +182,7 @@ class ProgressiveRender:
             yield from renderer.rendering(batch)
             yield None
             self._batches_done, self._is_between_batches = batch + 1, True
+            self._batch_s, self._batch_before_s = [], self._batch_s
             self.standing = Standing(
                 views_done=renderer.views_done(batch + 1),
                 views_total=renderer.views_total,
