@@ -1,6 +1,7 @@
 """What a scene does not call for is not done, and the plan says why."""
 
 import dataclasses
+import sys
 
 import numpy as np
 import pytest
@@ -467,3 +468,55 @@ def test_what_is_small_of_a_mesh_with_both_kinds_of_triangles_is_predicted_small
         for meshes in ((both,), (ball, plates))
     ]
     assert costs[0] == pytest.approx(costs[1], rel=0.2)
+
+
+CHANGED = {
+    "nothing": {},
+    "a light moved": {"Lamp": point_light("Lamp", (1.0, 1.0, 3.0), 0.2)},
+    "a light grew": {"Lamp": point_light("Lamp", (-1.0, 1.0, 3.0), 0.4)},
+    "the first of those whose maps are kept is gone": {"Hard": None},
+    "a light with more views": {"Key": area_light("Key", own_view_count=128)},
+    "a light of another's pass name": {"Key": None, "Hard Spot": area_light("Key", (1.0, -3.0, 4.0))},
+}
+
+
+@pytest.mark.parametrize("change", CHANGED)
+def test_lights_that_nothing_has_changed_for_are_not_planned_again(change, monkeypatch):
+    """The plan is what it would be from nothing."""
+    lights = [
+        area_light("Key"),
+        point_light("Hard", (2.0, -1.0, 3.0), radius_m=0.0),
+        spot_light("Hard Spot", (-2.0, 0.0, 4.0), radius_m=0.0),
+        point_light("Lamp", (-1.0, 1.0, 3.0), 0.2),
+        area_light("Off", is_wanted=False),
+    ]
+    settings = Settings(view_count=32, map_resolution_px=512, replay_buffer_mib=1)
+    scene = scene_with(*lights)
+    before = plan(scene, settings)
+    assert sum(line.kept_map_bytes > 0 for line in before.passes) == 1
+    changed = (CHANGED[change].get(light.name, light) for light in scene.lights)
+    after = dataclasses.replace(scene, lights=tuple(filter(None, changed)))
+    asked, module = [], sys.modules[plan.__module__]
+    plan_light = module._plan_light
+    monkeypatch.setattr(module, "_plan_light", lambda *given: asked.append(given[1].light.name) or plan_light(*given))
+    found = plan(after, settings, (scene, before))
+    again = set(asked)
+    assert found == plan(after, settings)
+    if change in ("nothing", "a light moved", "a light grew"):
+        assert again == CHANGED[change].keys()
+
+
+@pytest.mark.parametrize("change", ["the view", "the settings", "an object"])
+def test_lights_are_planned_again_where_the_picture_has_changed(change):
+    lights = [area_light("Key"), point_light("Lamp", (-1.0, 1.0, 3.0), 0.2)]
+    settings = Settings(view_count=32, map_resolution_px=512)
+    scene = after = scene_with(*lights)
+    before = plan(scene, settings)
+    if change == "the settings":
+        settings = dataclasses.replace(settings, method=Method.IVIR)
+    elif change == "the view":
+        after = dataclasses.replace(scene, camera=perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 9.0), WIDTH, HEIGHT))
+    else:
+        after = dataclasses.replace(scene, meshes=(*scene.meshes[:1], bumpy_sphere("ball", (0.0, 0.0, 1.0), 0.9, 200)))
+    found = plan(after, settings, (scene, before))
+    assert found == plan(after, settings) and found.passes != before.passes

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -21,7 +22,7 @@ from .reach import Receivers, light_casters, lit_places, may_shadow
 from .reflections.reflectors import PlannedReflections, choose_reflectors
 from .reflections.rounds import ReflectionRounds, least_ray_batches, plan_rounds
 from .sampling import light_samples
-from .scene import Camera, Light, LightShape, SceneSnapshot
+from .scene import Camera, Light, LightShape, SceneSnapshot, has_same_picture, is_same_light
 from .settings import Effect, Hardware, Method, PointGeneration, PointStorage, Settings
 from .views import MIN_RECEIVER_MARGIN, light_axes
 
@@ -121,14 +122,16 @@ class RenderPlan:
         )
 
 
-def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
-    """Decide per light.
+def plan(snapshot: SceneSnapshot, settings: Settings, before: tuple[SceneSnapshot, RenderPlan] | None = None) -> RenderPlan:
+    """Decide per light. before: what was planned, and how; the answer is the same without, and takes longer where little has changed.
 
     Raises UsageError for lights that the scene does not have, SceneError when the scene has no light that can be rendered.
     """
     lights = _chosen_lights(snapshot, settings)
     names = unique_pass_names([light.name for light in snapshot.lights])
-    bounds = compute_bounds(snapshot)
+    if before is not None and (before[1].settings != settings or not has_same_picture(snapshot, before[0])):
+        before = None
+    bounds = compute_bounds(snapshot) if before is None else before[1].bounds
     in_picture = instances_in_picture(snapshot, bounds)
     jobs: list[_LightJob] = []
     if Effect.SHADOW in settings.effects:
@@ -166,8 +169,10 @@ def plan(snapshot: SceneSnapshot, settings: Settings) -> RenderPlan:
     most_eye_samples = max(MAX_EYE_SAMPLES, settings.reflection_sample_count * needs_rounds)
     eye_sample_count = min(batch_count * eye_samples_per_batch, most_eye_samples)
     steps = _Steps(batch_count, batch_count * eye_samples_per_batch)
-    passes = _plan_lights(snapshot, jobs, bounds, steps)
-    reflected_lights = _plan_lights(snapshot, reflected_jobs, bounds, steps)
+    passes, reflected_lights = (
+        _plan_lights(snapshot, each, bounds, steps, known)
+        for each, known in zip((jobs, reflected_jobs), _known_lines(snapshot, steps, before), strict=True)
+    )
     # as if each light had two sets of maps: whether one serves both is known when surfaces are
     lights_ms = sum(planned.predicted_ms for planned in [*passes, *reflected_lights])
     eye_ms = cost.eye_ms(snapshot, settings, eye_sample_count)
@@ -306,6 +311,10 @@ class _Steps(NamedTuple):
     round_count: int
     """eye samples that share the views"""
 
+    @classmethod
+    def of(cls, render_plan: RenderPlan) -> _Steps:
+        return cls(render_plan.batch_count, render_plan.batch_count * render_plan.eye_samples_per_batch)
+
 
 @dataclass(frozen=True)
 class _LightJob:
@@ -366,12 +375,37 @@ def _sealed_sample_count(light: Light, settings: Settings, batch_count: int) -> 
     return min(_sample_count(light, settings), batch_count * _most_batch_views(settings.map_resolution_px, settings))
 
 
-def _plan_lights(snapshot: SceneSnapshot, jobs: Sequence[_LightJob], bounds: SceneBounds, steps: _Steps) -> tuple[PlannedPass, ...]:
+_KnownLines = Mapping[tuple[str, str, int], PlannedPass]
+"""names of a light and its pass, bytes of the maps of lights before it that are kept -> what was planned"""
+
+
+def _known_lines(
+    snapshot: SceneSnapshot, steps: _Steps, before: tuple[SceneSnapshot, RenderPlan] | None
+) -> tuple[_KnownLines, _KnownLines]:
+    """Of passes and of what lights reflections: lights that are what they were before. before: as of `plan`, of the same surfaces, camera
+    and settings"""
+    if before is None or steps != _Steps.of(before[1]):
+        return {}, {}
+    lights = {light.name: light for light in before[0].lights}
+    same = {light.name for light in snapshot.lights if light.name in lights and is_same_light(light, lights[light.name])}
+
+    def known(lines: Sequence[PlannedPass]) -> _KnownLines:
+        kept_bytes = [0, *itertools.accumulate(line.kept_map_bytes for line in lines)]
+        each = zip(lines, kept_bytes, strict=False)
+        return {(line.light_name, line.pass_name, kept): line for line, kept in each if line.light_name in same}
+
+    return known(before[1].passes), known(before[1].reflected_lights)
+
+
+def _plan_lights(
+    snapshot: SceneSnapshot, jobs: Sequence[_LightJob], bounds: SceneBounds, steps: _Steps, known: _KnownLines
+) -> tuple[PlannedPass, ...]:
     """Lights share the memory for maps that are kept: what does not fit beside those before it is made again for every batch."""
     planned: list[PlannedPass] = []
     kept_bytes = 0
     for job in jobs:
-        planned.append(_plan_light(snapshot, job, bounds, steps, kept_bytes))
+        line = known.get((job.light.name, job.pass_name, kept_bytes))
+        planned.append(line or _plan_light(snapshot, job, bounds, steps, kept_bytes))
         kept_bytes += planned[-1].kept_map_bytes
     return tuple(planned)
 

@@ -165,9 +165,10 @@ class ProgressiveRender:
         return False
 
     def _working(self, snapshot: SceneSnapshot, settings: Settings) -> Steps:
-        render_plan: RenderPlan = yield lambda: plan(snapshot, settings)
-        check_device(render_plan, self.device)
         previous = self._renderer
+        before = None if previous is None else (previous.snapshot, previous.plan)
+        render_plan: RenderPlan = yield lambda: plan(snapshot, settings, before)
+        check_device(render_plan, self.device)
         renderer = Renderer(snapshot, render_plan, self.device, previous=previous)
         self._renderer, self.plan = renderer, render_plan
         if previous is not None:
