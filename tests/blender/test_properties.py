@@ -79,7 +79,7 @@ def test_every_property_says_what_it_does(registered):
 
 def test_asking_for_nothing_is_an_error_in_words(registered):
     registered.vir.use_soft_shadows = registered.vir.use_omni_shadows = False
-    with pytest.raises(UsageError, match="effect"):
+    with pytest.raises(UsageError, match="switch Soft Shadows, Omni Shadows or Reflections on"):
         properties.settings_of(registered)
 
 

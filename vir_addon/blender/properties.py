@@ -14,6 +14,7 @@ from typing import Any
 
 import bpy
 
+from ..core.errors import UsageError
 from ..core.quality import map_resolution_of_views, quality_of_views, views_of_quality
 from ..core.settings import (
     MAX_BOUNCES,
@@ -520,6 +521,8 @@ def settings_of(scene: bpy.types.Scene) -> Settings:
     group = scene.vir
     method = Method(group.method.lower())
     chosen = {Effect.SHADOW: group.use_soft_shadows or group.use_omni_shadows, Effect.REFLECTION: group.use_reflections}
+    if not any(chosen.values()):
+        raise UsageError("all effects are switched off: switch Soft Shadows, Omni Shadows or Reflections on under Effects")
     return Settings(
         effects=tuple(effect for effect, is_wanted in chosen.items() if is_wanted),
         method=method,
