@@ -10,6 +10,8 @@ from tests.scenes import (
     box,
     bumpy_sphere,
     floor,
+    matte,
+    mirror,
     perspective_camera,
     point_light,
     prepared_renderer,
@@ -24,6 +26,7 @@ from tests.scenes import (
 from vir_addon.core import methods
 from vir_addon.core.cost import resolve_ms
 from vir_addon.core.light_work import MapStore
+from vir_addon.core.material import World
 from vir_addon.core.methods.hybrid import HybridRasterization
 from vir_addon.core.methods.ivir import ImprovedViewIndependentRasterization
 from vir_addon.core.methods.kept_map import KeptMap
@@ -31,7 +34,7 @@ from vir_addon.core.methods.micro import MicroTriangleRasterization
 from vir_addon.core.methods.mvr import MultiviewRasterization
 from vir_addon.core.passes.shadow_maps import MAX_BATCH_VIEWS
 from vir_addon.core.plan import plan
-from vir_addon.core.settings import Method, PointStorage, Settings
+from vir_addon.core.settings import Effect, Method, PointStorage, Settings
 
 WIDTH, HEIGHT = 64, 36
 BATCHES = 8
@@ -211,6 +214,21 @@ def test_plan_forecasts_that_maps_made_again_are_made_from_the_scene(method):
     suns = [sun_light(name, angle_rad=0) for name in ("A", "B")]
     kept, scarce = (forecasts_ms(suns, method, replay_buffer_mib=mib)["B"] for mib in (64, 20))
     assert scarce == pytest.approx(BATCHES * kept)
+
+
+@pytest.mark.parametrize(("replay_buffer_mib", "kept"), [(20, "A "), (36, "A A'"), (52, "A A' B "), (64, "A A' B B'")])
+def test_maps_of_picture_and_reflections_share_the_memory(replay_buffer_mib, kept):
+    """A light of both makes two, one after the other: forecast were two for the picture and two more where the memory is for two."""
+    wall = rectangle("mirror", (-3, 3, 0), (6, 0, 0), (0, 0, 3))
+    meshes = [floor(6.0), bumpy_sphere("ball", (0.9, 0.3, 0.7), 0.5, 40), wall]
+    suns = [sun_light(name, angle_rad=0) for name in ("A", "B")]
+    camera = perspective_camera((0.5, -6.0, 3.5), (0.0, 0.0, 0.5), WIDTH, HEIGHT)
+    scene = snapshot(meshes, suns, camera, WIDTH, HEIGHT, materials=[matte(), matte(), mirror()], world=World())
+    effects = (Effect.SHADOW, Effect.REFLECTION)
+    work = plan(scene, Settings(method=Method.MVR, effects=effects, map_resolution_px=2048, replay_buffer_mib=replay_buffer_mib))
+    found = {f"{line.light_name} ": line.kept_map_bytes for line in work.passes}
+    found |= {f"{line.light_name}'": line.kept_map_bytes for line in work.reflected_lights}
+    assert found == {name: (16 << 20) * (name in kept) for name in ("A ", "A'", "B ", "B'")}
 
 
 def test_plan_forecasts_batches_of_all_lights_for_each():

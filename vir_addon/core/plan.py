@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -169,10 +168,8 @@ def plan(snapshot: SceneSnapshot, settings: Settings, before: tuple[SceneSnapsho
     most_eye_samples = max(MAX_EYE_SAMPLES, settings.reflection_sample_count * needs_rounds)
     eye_sample_count = min(batch_count * eye_samples_per_batch, most_eye_samples)
     steps = _Steps(batch_count, batch_count * eye_samples_per_batch)
-    passes, reflected_lights = (
-        _plan_lights(snapshot, each, bounds, steps, known)
-        for each, known in zip((jobs, reflected_jobs), _known_lines(snapshot, steps, before), strict=True)
-    )
+    known = _known_lines(snapshot, steps, before)
+    passes, reflected_lights = _plan_lights(snapshot, jobs, reflected_jobs, bounds, steps, known)
     # as if each light had two sets of maps: whether one serves both is known when surfaces are
     lights_ms = sum(planned.predicted_ms for planned in [*passes, *reflected_lights])
     eye_ms = cost.eye_ms(snapshot, settings, eye_sample_count)
@@ -375,39 +372,57 @@ def _sealed_sample_count(light: Light, settings: Settings, batch_count: int) -> 
     return min(_sample_count(light, settings), batch_count * _most_batch_views(settings.map_resolution_px, settings))
 
 
-_KnownLines = Mapping[tuple[str, str, int], PlannedPass]
-"""names of a light and its pass, bytes of the maps of lights before it that are kept -> what was planned"""
+_KnownLines = Mapping[tuple[bool, str, str, int], PlannedPass]
+"""whether it lights reflections, names of a light and its pass, bytes of the maps made before it that are kept -> what was planned"""
 
 
-def _known_lines(
-    snapshot: SceneSnapshot, steps: _Steps, before: tuple[SceneSnapshot, RenderPlan] | None
-) -> tuple[_KnownLines, _KnownLines]:
-    """Of passes and of what lights reflections: lights that are what they were before. before: as of `plan`, of the same surfaces, camera
-    and settings"""
+def _known_lines(snapshot: SceneSnapshot, steps: _Steps, before: tuple[SceneSnapshot, RenderPlan] | None) -> _KnownLines:
+    """Of lights that are what they were before. before: as of `plan`, of the same surfaces, camera and settings"""
     if before is None or steps != _Steps.of(before[1]):
-        return {}, {}
+        return {}
     lights = {light.name: light for light in before[0].lights}
     same = {light.name for light in snapshot.lights if light.name in lights and is_same_light(light, lights[light.name])}
+    lines = before[1].passes, before[1].reflected_lights
+    known, kept_bytes = {}, 0
+    for is_reflected, index in _making_order(*([line.light_name for line in each] for each in lines)):
+        line = lines[is_reflected][index]
+        if line.light_name in same:
+            known[is_reflected, line.light_name, line.pass_name, kept_bytes] = line
+        kept_bytes += line.kept_map_bytes
+    return known
 
-    def known(lines: Sequence[PlannedPass]) -> _KnownLines:
-        kept_bytes = [0, *itertools.accumulate(line.kept_map_bytes for line in lines)]
-        each = zip(lines, kept_bytes, strict=False)
-        return {(line.light_name, line.pass_name, kept): line for line, kept in each if line.light_name in same}
 
-    return known(before[1].passes), known(before[1].reflected_lights)
+def _making_order(names: Sequence[str], reflected_names: Sequence[str]) -> list[tuple[bool, int]]:
+    """Light by light, its maps for the picture before those for what reflectors show: whether it is of the latter, and its index there."""
+    indices = {name: index for index, name in enumerate(reflected_names)}
+    order: list[tuple[bool, int]] = []
+    for index, name in enumerate(names):
+        order.append((False, index))
+        if name in indices:
+            order.append((True, indices.pop(name)))
+    return order + [(True, index) for index in indices.values()]
 
 
 def _plan_lights(
-    snapshot: SceneSnapshot, jobs: Sequence[_LightJob], bounds: SceneBounds, steps: _Steps, known: _KnownLines
-) -> tuple[PlannedPass, ...]:
-    """Lights share the memory for maps that are kept: what does not fit beside those before it is made again for every batch."""
-    planned: list[PlannedPass] = []
+    snapshot: SceneSnapshot,
+    jobs: Sequence[_LightJob],
+    reflected_jobs: Sequence[_LightJob],
+    bounds: SceneBounds,
+    steps: _Steps,
+    known: _KnownLines,
+) -> tuple[tuple[PlannedPass, ...], tuple[PlannedPass, ...]]:
+    """For the picture, and for what reflectors show. All share the memory for maps that are kept: what does not fit beside those before
+    it is made again for every batch."""
+    all_jobs = jobs, reflected_jobs
+    planned: dict[tuple[bool, int], PlannedPass] = {}
     kept_bytes = 0
-    for job in jobs:
-        line = known.get((job.light.name, job.pass_name, kept_bytes))
-        planned.append(line or _plan_light(snapshot, job, bounds, steps, kept_bytes))
-        kept_bytes += planned[-1].kept_map_bytes
-    return tuple(planned)
+    for is_reflected, index in _making_order(*([job.light.name for job in each] for each in all_jobs)):
+        job = all_jobs[is_reflected][index]
+        line = known.get((is_reflected, job.light.name, job.pass_name, kept_bytes))
+        planned[is_reflected, index] = line or _plan_light(snapshot, job, bounds, steps, kept_bytes)
+        kept_bytes += planned[is_reflected, index].kept_map_bytes
+    passes, reflected_lights = (tuple(planned[which, index] for index in range(len(all_jobs[which]))) for which in (False, True))
+    return passes, reflected_lights
 
 
 def _plan_light(snapshot: SceneSnapshot, job: _LightJob, bounds: SceneBounds, steps: _Steps, kept_bytes: int) -> PlannedPass:
