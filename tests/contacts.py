@@ -245,12 +245,12 @@ SCENES: dict[str, Callable[[], ContactScene]] = {
 # measuring
 
 
-def true_pass(contact: ContactScene, surfaces: Surfaces, samples_m: np.ndarray) -> np.ndarray:
-    """(n,) the pass at the pixels of `surfaces`: what of the light samples is seen, float64."""
+def true_pass(contact: ContactScene, surfaces: Surfaces, samples_m: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(n,) the pass at the pixels of `surfaces`: what of the light samples, each with its weight, is seen, float64."""
     scene = contact.scene
     (light,) = scene.lights
     samples_ws = samples_in_world(light, samples_m)
-    weight = delivered(light, samples_ws, surfaces.position, surfaces.shading)
+    weight = delivered(light, samples_ws, surfaces.position, surfaces.shading) * weights
     d = surfaces.position[:, None] - samples_ws[None]
     turned = np.einsum("nj,nmj->nm", surfaces.geometric, d) < 0
     point, sample = np.nonzero((weight > 0) & turned)
@@ -284,7 +284,7 @@ class Measurement:
         positions, normals = (self.device.run(self.device.read, texture) for texture in renderer.eye.buffers[0])
         if self._truth is None:
             (work,) = renderer.works
-            self._truth = true_pass(self.contact, self._surfaces(positions, normals), work.samples_m)
+            self._truth = true_pass(self.contact, self._surfaces(positions, normals), work.samples_m, work.sample_weights)
         truth, error = self._truth, image[positions[..., 3] >= 0].astype(np.float64) - self._truth
 
         def rms(where: np.ndarray) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vir_addon.core.fit import FittedFace
-from vir_addon.core.sampling import sample_patch_m, sample_weights
+from vir_addon.core.sampling import sample_patch_m
 from vir_addon.core.scene import Light, LightShape, SceneSnapshot
 
 RAYS_AT_ONCE = 4096
@@ -224,11 +224,13 @@ def bracket_pass(
     scene: SceneSnapshot,
     light: Light,
     samples_m: np.ndarray,
+    weights: np.ndarray,
     faces: list[FittedFace],
     positions: np.ndarray,
     tolerance_texels: float = 1.5,
 ) -> Brackets:
-    """Of the points of an eye G-buffer, (height, width, 4) world space and instance number.
+    """Of the points of an eye G-buffer, (height, width, 4) world space and instance number. samples_m, weights: of a fitted light, and
+    what each of them counts
 
     A light sample counts as certainly seen or hidden where that holds for the point and for its neighbours a few texels away in
     its tangent plane, blockers nearer than the depth bias left out; the others may go either way."""
@@ -236,7 +238,7 @@ def bracket_pass(
     surfaces = surfaces_at(positions, scene, triangles)
     samples_ws = samples_in_world(light, samples_m)
     linked = np.ones(len(scene.instances), bool) if light.receivers is None else light.receivers
-    weight = delivered(light, samples_ws, surfaces.position, surfaces.shading) * sample_weights(light, samples_m)
+    weight = delivered(light, samples_ws, surfaces.position, surfaces.shading) * weights
     weight = weight * linked[triangles.instance[surfaces.triangle]][:, None]
     casts = scene.instances.casts_shadow if light.blockers is None else light.blockers
     corners = triangles.corners[casts[triangles.instance]]

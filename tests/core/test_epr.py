@@ -134,7 +134,7 @@ def test_pass_lies_within_a_texel_of_the_truth(device, radius_m):
         image = renderer.read_passes()["VIR Shadow Key"]
         (work,) = renderer.works
         positions = device.run(device.read, renderer.eye.buffers[0].positions)
-        truth = bracket_pass(scene, work.light, work.samples_m, [fitted for fitted, _, _ in work.faces], positions)
+        truth = bracket_pass(scene, work.light, work.samples_m, work.sample_weights, [fitted for fitted, _, _ in work.faces], positions)
     wrong = np.maximum(truth.low - image, image - truth.high) > 2e-3
     print(f"RMSE {rmse(image, truth.exact):.5f}, map {work.statistics.map_resolution_px}, {wrong.sum()} of {wrong.size} wrong")
     assert truth.exact[truth.surface].std() > 0.1

@@ -1,17 +1,30 @@
 """Windows hold whatever may be shadowed, against rays in float64: random lights, cameras and objects."""
 
 import dataclasses
+import math
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.ray_tracing import delivered, intersect, primary_surfaces, samples_in_world, world_triangles
-from tests.scenes import area_light, box, bumpy_sphere, camera_from_above, floor, perspective_camera, point_light, rectangle, snapshot
+from tests.scenes import (
+    area_light,
+    box,
+    bumpy_sphere,
+    camera_from_above,
+    floor,
+    perspective_camera,
+    point_light,
+    rectangle,
+    snapshot,
+    spot_light,
+)
 from vir_addon.core.bounds import compute_bounds
-from vir_addon.core.fit import _may_be_outermost, _tangent_bounds, _union, fit_light
-from vir_addon.core.reach import select_receivers
-from vir_addon.core.sampling import light_samples
+from vir_addon.core.fit import _may_be_outermost, _tangent_bounds, _union, fit_light, receiver_cone
+from vir_addon.core.reach import Receivers, select_receivers
+from vir_addon.core.sampling import Cone, cone_of, light_samples
 
 WIDTH, HEIGHT = 24, 14
 VIEWS = 8
@@ -165,3 +178,45 @@ def test_windows_reach_up_to_the_seams_of_a_cube():
                     seed,
                     views.face.name,
                 )
+
+
+def within(half_deg, toward, count=200, middle=(0.0, 0.0, 5.0)):
+    """Places in all directions within an angle to `toward` from a light, one of them at that angle."""
+    rng = np.random.default_rng(7)
+    rotation = np.linalg.qr(np.column_stack([toward, rng.normal(size=(3, 2))]))[0]
+    angle = np.radians(half_deg) * np.append(np.sqrt(rng.random(count)), 1.0)
+    turn = rng.uniform(0, 2 * np.pi, count + 1)
+    directions = np.column_stack([np.cos(angle), np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn)]) @ rotation.T
+    directions *= np.sign(directions[0] @ toward)
+    return Receivers(middle + rng.uniform(3, 6, (count + 1, 1)) * directions, 0.02)
+
+
+@pytest.mark.parametrize("along", range(6))
+@pytest.mark.parametrize(("half_deg", "cone_deg"), [(5, 15), (14, 15), (20, 30), (29, 30), (40, 45)])
+def test_samples_of_a_lamp_gather_for_its_receivers(along, half_deg, cone_deg):
+    """Around whichever of the light's axes they lie, and no step wider than needed."""
+    toward = np.roll((1.0, 0.0, 0.0), along % 3) * (1 if along < 3 else -1)
+    receivers, light = within(half_deg, toward), point_light(radius_m=0.2)
+    cone = receiver_cone(light, receivers)
+    assert math.degrees(cone.half_rad) == pytest.approx(cone_deg)
+    samples = samples_in_world(light, light_samples(light, 256, cone)) - light.world_from_light[:3, 3]
+    # the farthest that anything within the cone sees
+    assert (samples @ toward / 0.2 > -math.sin(cone.half_rad) - 1e-9).all()
+    assert (samples @ toward > 0).mean() > 0.75
+
+
+def test_lamps_among_their_receivers_have_samples_all_around():
+    light = point_light(radius_m=0.2)
+    floor_around = np.random.default_rng(1).uniform((-20, -20, 0), (20, 20, 0), (500, 3))
+    assert receiver_cone(light, Receivers(floor_around, 0.02)) == cone_of(light)
+    inside = Receivers(np.array([[0.0, 0.0, 4.9]]), 0.02)
+    assert receiver_cone(light, inside) == cone_of(light)
+    assert receiver_cone(light, Receivers(np.zeros((0, 3)), 0.02)) == cone_of(light)
+
+
+def test_spots_samples_gather_for_receivers_in_a_part_of_the_cone():
+    light, down = spot_light(radius_m=0.2, cone_rad=math.radians(70)), (0.0, 0.0, -1.0)
+    assert receiver_cone(light, within(12, down)) == Cone((0, 0, 1), math.radians(15))
+    assert receiver_cone(light, within(34, down)) == cone_of(light)
+    # beside the axis, where nothing is lit, it makes no difference what is there
+    assert receiver_cone(light, within(12, (1.0, 0.0, 0.0))) == cone_of(light)

@@ -55,7 +55,7 @@ def test_linked_pass_lies_within_a_texel_of_the_truth(device, name, method):
         image = renderer.read_passes()["VIR Shadow Key"]
         (work,) = renderer.works
         positions = device.run(device.read, renderer.eye.buffers[0].positions)
-        truth = bracket_pass(scene, work.light, work.samples_m, [fitted for fitted, _, _ in work.faces], positions)
+        truth = bracket_pass(scene, work.light, work.samples_m, work.sample_weights, [fitted for fitted, _, _ in work.faces], positions)
     instance = positions[..., 3].astype(np.int64)
     linked = work.light.receivers if work.light.receivers is not None else np.ones(3, bool)
     lit = (instance >= 0) & linked[instance]

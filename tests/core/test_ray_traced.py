@@ -83,7 +83,7 @@ def test_pass_lies_within_a_texel_of_the_truth(device, name, method):
         (work,) = renderer.works
         faces = [fitted for fitted, _, _ in work.faces]
         positions = device.run(device.read, renderer.eye.buffers[0].positions)
-        truth = bracket_pass(scene, work.light, work.samples_m, faces, positions)
+        truth = bracket_pass(scene, work.light, work.samples_m, work.sample_weights, faces, positions)
     assert (len(faces) > 1) == name.startswith("cube")
     assert truth.exact[truth.surface].std() > 0.1
     outside = np.maximum(truth.low - image, image - truth.high)

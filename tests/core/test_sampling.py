@@ -6,8 +6,16 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from tests.scenes import area_light
-from vir_addon.core.sampling import light_samples, pixel_offsets, square_to_disk, stable_seed, unit_square_points
+from tests.scenes import area_light, point_light
+from vir_addon.core.sampling import (
+    Cone,
+    light_samples,
+    pixel_offsets,
+    sample_weights,
+    square_to_disk,
+    stable_seed,
+    unit_square_points,
+)
 from vir_addon.core.scene import FilterShape, LightShape, PixelFilter
 
 SEEDS = st.integers(0, 0x3FFFFFFF)
@@ -85,6 +93,38 @@ def test_light_samples_lie_on_the_light(shape, size, name):
     # more views go on where fewer end, and one view is the centre
     np.testing.assert_array_equal(light_samples(light, 16), samples[:16])
     np.testing.assert_array_equal(light_samples(light, 1), [[0, 0, 0]])
+
+
+def half_discs(light, cone, directions, count=128):
+    """(n,) what of a sphere's light comes from beside a plane through its centre and each of the directions to its receivers, far away."""
+    samples = light_samples(light, count, cone)
+    cosine = samples @ directions.T / light.radius_m
+    weight = sample_weights(light, samples, cone)[:, None] * np.maximum(cosine, 0)
+    across = np.cross(directions, np.random.default_rng(3).normal(size=3))
+    return (weight * (samples @ across.T > 0)).sum(axis=0) / weight.sum(axis=0)
+
+
+@pytest.mark.parametrize("axis", [(0, 0, 1), (-1, 0, 0), (0, 1, 0)])
+def test_samples_for_few_receivers_say_more(axis):
+    """All that anything within the cone sees is there, at its weight: half of the light is half. And with less noise than from samples all
+    around, of which half is out of sight."""
+    half_rad = np.radians(30)
+    rng = np.random.default_rng(5)
+    directions = np.array(axis) + np.tan(half_rad) * 0.5 * rng.uniform(-1, 1, (50, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    errors = {}
+    for cone in (None, Cone(axis, half_rad)):
+        lights = (point_light(str(seed), radius_m=0.3) for seed in range(40))
+        errors[cone] = np.array([half_discs(light, cone, directions) for light in lights]) - 0.5
+        assert abs(errors[cone].mean()) < 0.002
+    of_all, of_few = (np.sqrt((error**2).mean()) for error in errors.values())
+    assert of_few < 0.7 * of_all
+    light = point_light(radius_m=0.3)
+    samples = light_samples(light, 1024, Cone(axis, half_rad))
+    np.testing.assert_allclose(np.linalg.norm(samples, axis=1), 0.3)
+    # of the sphere's mean the far end is missing, which nothing sees
+    missing = (1 - np.cos(np.pi / 2 - half_rad)) / 2
+    assert sample_weights(light, samples, Cone(axis, half_rad)).mean() == pytest.approx(1 - missing, abs=0.01)
 
 
 def density(shape: FilterShape, u: float) -> float:

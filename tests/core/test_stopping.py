@@ -54,8 +54,9 @@ def test_every_batch_is_the_pass_of_the_samples_so_far(device, method):
             if batch not in (0, 2):
                 continue
             image = renderer.read_passes()["VIR Shadow Key"]
-            so_far = light_work.samples_m[: (batch + 1) * VIEWS // BATCHES]
-            truth = bracket_pass(scene, light_work.light, so_far, faces, positions)
+            so_far = slice((batch + 1) * VIEWS // BATCHES)
+            samples = light_work.samples_m[so_far], light_work.sample_weights[so_far]
+            truth = bracket_pass(scene, light_work.light, *samples, faces, positions)
             assert truth.exact[truth.surface].std() > 0.1
             wrong = np.maximum(truth.low - image, image - truth.high) > 2e-3
             assert wrong.sum() <= 1, batch

@@ -7,6 +7,7 @@ cannot shadow a visible receiver left out (core/reach.py).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from .bounds import SceneBounds
 from .eye_pixels import EyePixels
 from .reach import CasterSet, Receivers, shadowing_casters
+from .sampling import Cone, cone_of
 from .scene import Light, LightShape, SceneSnapshot
 from .views import (
     LEAST_WIDTH,
@@ -37,6 +39,9 @@ SEARCH_TANGENT = 1.0
 shadows nothing in it."""
 SEAM_TANGENT = 0.1
 """How far before a cube's seam, and beyond it, receivers are looked for that may have others up to it between them."""
+CONE_STEP_RAD = math.radians(15)
+"""of the half angle of a cone around the receivers, to which samples of a sphere are fitted: few steps, so that moving cameras change them
+rarely"""
 MAX_PAIRS = 4_000_000
 """view-instance pairs evaluated exactly; beyond it all views share one window"""
 
@@ -59,6 +64,26 @@ def choose_faces(light: Light, receivers_ws: np.ndarray, samples_m: np.ndarray) 
         return omni_faces(light) if single is None else (single,)
     (front,) = area_light_faces(light, needs_cube=False)
     return (front,) if fits_single_face(front, light, receivers_ws, samples_m) else area_light_faces(light, needs_cube=True)
+
+
+def receiver_cone(light: Light, receivers: Receivers) -> Cone:
+    """Around all that receives light from a point light or spot, for the samples on its sphere, around one of the light's axes, so that
+    cameras that move seldom change it. The light's own cone where a single face does not hold the receivers, and with a soft falloff: then
+    both sides of the sphere count and no sample is wasted."""
+    own = cone_of(light)
+    if light.has_soft_falloff or not len(receivers.points_ws):
+        return own
+    sphere_m = light.radius_m * np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
+    face = single_omni_face(light, receivers.points_ws, sphere_m)
+    if face is None:
+        return own
+    forward = face.face_from_world[2]
+    toward = receivers.points_ws - light.world_from_light[:3, 3]
+    least = float((toward @ forward / np.linalg.norm(toward, axis=1)).min())
+    half_rad = CONE_STEP_RAD * math.ceil(math.acos(min(least, 1.0)) * (1 + receivers.margin) / CONE_STEP_RAD)
+    x, y, z = (round(part) for part in light_axes(light) @ forward)
+    cone = Cone((x, y, z), max(half_rad, CONE_STEP_RAD))
+    return cone if cone.half_rad < own.half_rad and (own.half_rad >= math.pi or cone.axis == own.axis) else own
 
 
 def light_hull(light: Light, samples_m: np.ndarray) -> np.ndarray:

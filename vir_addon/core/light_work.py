@@ -12,7 +12,7 @@ import numpy as np
 from ..device.interface import ComputeKernel, Device, Texture, TextureFormat
 from ..device.owned import Owned, Shared
 from .bounds import cullable_instances
-from .fit import FittedFace, fit_light, light_hull
+from .fit import FittedFace, fit_light, light_hull, receiver_cone
 from .methods import depth_map_method
 from .methods.base import DepthMapMethod, FaceJob
 from .methods.shared import SharedByFaces
@@ -59,6 +59,10 @@ class LightFit:
     is_cube: bool
     culled: np.ndarray
     """(instance_count,) bool of `cullable_instances`"""
+    samples_m: np.ndarray
+    """(view_count, 3) of `sampling.light_samples`"""
+    sample_weights: np.ndarray
+    """(view_count,)"""
 
     def texel_growth(self, wider: LightFit) -> float:
         """How many times as large texels are that reach over more than these surfaces."""
@@ -72,12 +76,14 @@ class LightFit:
 
 def fit_views(planned: PlannedPass, light: Light, plan: RenderPlan, scene_data: SceneData, receivers: Receivers) -> LightFit:
     snapshot, light = scene_data.snapshot, _as_it_casts(light, planned, scene_data)
-    samples_m, taps = light_samples(light, planned.view_count), _taps(planned, light, plan)
+    cone = receiver_cone(light, receivers) if light.shape.is_omni and light.has_size else None
+    samples_m, taps = light_samples(light, planned.view_count, cone), _taps(planned, light, plan)
     pixels = scene_data.eye_pixels if planned.method is Method.EPR else None
     searched_m = taps.samples_m if taps else None
     faces, is_cube = fit_light(snapshot, light, samples_m, plan.bounds, receivers, planned.map_resolution_px, pixels, searched_m)
     hull = None if light.shape is LightShape.SUN else light_hull(light, samples_m)
-    return LightFit(faces, is_cube, cullable_instances(snapshot, plan.bounds, hull))
+    culled = cullable_instances(snapshot, plan.bounds, hull)
+    return LightFit(faces, is_cube, culled, samples_m, sample_weights(light, samples_m, cone))
 
 
 def fit_places(planned: PlannedPass, light: Light, plan: RenderPlan, scene_data: SceneData, places: Places) -> LightFit:
@@ -195,8 +201,6 @@ class LightWork(Shared):
         self.batches_done = 0
         self.is_between_batches = False
         """fitted, and not in the middle of a batch"""
-        self.samples_m = light_samples(self.light, planned.view_count)
-        self.sample_weights = sample_weights(self.light, self.samples_m)
         self.taps = _taps(planned, self.light, plan)
         self.look_up = RESOLVE
         self.resolve_flags = list(planned.method.resolve_flags)
@@ -228,6 +232,8 @@ class LightWork(Shared):
             view_count=planned.view_count,
             map_resolution_px=planned.map_resolution_px,
         )
+        self.samples_m, self.sample_weights = np.zeros((planned.view_count, 3)), np.ones(planned.view_count)
+        """of the fit"""
         self.faces: list[LightFace] = []
         self.mapped: list[LightFace] = []
         """those that dispatches are for"""
@@ -246,6 +252,7 @@ class LightWork(Shared):
         """Make what all batches share, face by face."""
         if self.light.shape is not LightShape.SUN:
             self.reference_m = max((fitted.views.far_m for fitted in fit.faces), default=1.0)
+        self.samples_m, self.sample_weights = fit.samples_m, fit.sample_weights
         self.faces = [self._face(fitted, fit.culled) for fitted in fit.faces]
         if self.taps and self.faces:
             self.look_up = PERCENTAGE_CLOSER

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -86,15 +87,32 @@ def square_to_disk(points: np.ndarray) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
 
 
-def light_samples(light: Light, count: int) -> np.ndarray:
+@dataclass(frozen=True)
+class Cone:
+    """Directions from a light's centre."""
+
+    axis: tuple[int, int, int]
+    """one of the light's own, towards either end, along `views.light_axes`"""
+    half_rad: float
+
+
+def cone_of(light: Light) -> Cone:
+    """Where a point light or spot shines."""
+    return Cone((0, 0, 1), light.widest_half_cone_rad)
+
+
+def light_samples(light: Light, count: int, cone: Cone | None = None) -> np.ndarray:
     """(count, 3) float64 metres from the light's centre along `views.light_axes`: in the plane of an area light, on the sphere of a
-    point light or spot. Suns: offsets of the rays' directions a metre along the axis. One sample is the centre."""
+    point light or spot. Suns: offsets of the rays' directions a metre along the axis. One sample is the centre.
+
+    cone: of a point light or spot, around all receivers, when that is less than `cone_of` it
+    """
     samples_m = np.zeros((count, 3))
     if count == 1:
         return samples_m
     points = unit_square_points(count, stable_seed(light.name))
     if light.shape.is_omni:
-        return light.radius_m * _sphere_directions(light, points)
+        return light.radius_m * _sphere_directions(light, cone or cone_of(light), points)
     if light.shape is LightShape.SUN:
         samples_m[:, :2] = _sun_offsets(light, points)
         return samples_m
@@ -131,10 +149,10 @@ SPHERE_TABLE_SIZE = 4096
 """steps of the angle to a spot's axis; the density's integral over one is taken as linear"""
 
 
-def _sphere_density(light: Light, polar_rad: np.ndarray) -> np.ndarray:
-    """Of samples on the sphere, by the angle to the axis, not normalized: the largest cosine to the sphere's normal under which anything
-    that the light lights may see a place of it. With a soft falloff both sides of the sphere count (see `lib/delivered.glsl`)."""
-    half = light.widest_half_cone_rad
+def _sphere_density(light: Light, cone: Cone, polar_rad: np.ndarray) -> np.ndarray:
+    """Of samples on the sphere, by the angle to the cone's axis, not normalized: the largest cosine to the sphere's normal under which
+    anything within the cone may see a place of it. With a soft falloff both sides of the sphere count (see `lib/delivered.glsl`)."""
+    half = cone.half_rad
     if half >= math.pi:
         return np.ones_like(polar_rad)
     density = np.cos(np.minimum(np.maximum(polar_rad - half, 0), np.pi / 2))
@@ -143,27 +161,33 @@ def _sphere_density(light: Light, polar_rad: np.ndarray) -> np.ndarray:
     return density
 
 
-def _sphere_directions(light: Light, points: np.ndarray) -> np.ndarray:
+def _sphere_directions(light: Light, cone: Cone, points: np.ndarray) -> np.ndarray:
     """(n, 2) in [0, 1)^2 -> (n, 3) unit vectors along right, up, forward, distributed as `_sphere_density`"""
     polar_rad = np.linspace(0, np.pi, SPHERE_TABLE_SIZE + 1)
-    cumulative = _cumulative_sphere_density(light, polar_rad)
+    cumulative = _cumulative_sphere_density(light, cone, polar_rad)
     chosen = np.interp(points[:, 0], cumulative / cumulative[-1], polar_rad)
     azimuth = 2 * np.pi * points[:, 1]
-    return np.stack([np.sin(chosen) * np.cos(azimuth), np.sin(chosen) * np.sin(azimuth), np.cos(chosen)], axis=-1)
+    along = int(np.flatnonzero(cone.axis)[0])
+    directions = np.empty((len(points), 3))
+    directions[:, (along + 1) % 3] = np.sin(chosen) * np.cos(azimuth)
+    directions[:, (along + 2) % 3] = np.sin(chosen) * np.sin(azimuth)
+    directions[:, along] = cone.axis[along] * np.cos(chosen)
+    return directions
 
 
-def _cumulative_sphere_density(light: Light, polar_rad: np.ndarray) -> np.ndarray:
+def _cumulative_sphere_density(light: Light, cone: Cone, polar_rad: np.ndarray) -> np.ndarray:
     middle = (polar_rad[1:] + polar_rad[:-1]) / 2
-    return np.concatenate([[0], np.cumsum(-np.diff(np.cos(polar_rad)) * _sphere_density(light, middle))])
+    return np.concatenate([[0], np.cumsum(-np.diff(np.cos(polar_rad)) * _sphere_density(light, cone, middle))])
 
 
-def sample_weights(light: Light, samples_m: np.ndarray) -> np.ndarray:
+def sample_weights(light: Light, samples_m: np.ndarray, cone: Cone | None = None) -> np.ndarray:
     """(n,) float64 what each of `light_samples` counts, so that means of weighted samples are means over the light's surface."""
     if not light.shape.is_omni or len(samples_m) == 1:
         return np.ones(len(samples_m))
-    polar_rad = np.arccos(np.clip(samples_m[:, 2] / light.radius_m, -1, 1))
-    mean = _cumulative_sphere_density(light, np.linspace(0, np.pi, SPHERE_TABLE_SIZE + 1))[-1] / 2
-    return mean / np.maximum(_sphere_density(light, polar_rad), 1e-3)
+    cone = cone or cone_of(light)
+    polar_rad = np.arccos(np.clip(samples_m @ cone.axis / light.radius_m, -1, 1))
+    mean = _cumulative_sphere_density(light, cone, np.linspace(0, np.pi, SPHERE_TABLE_SIZE + 1))[-1] / 2
+    return mean / np.maximum(_sphere_density(light, cone, polar_rad), 1e-3)
 
 
 def _filter_density(shape: FilterShape, x: np.ndarray) -> np.ndarray:
