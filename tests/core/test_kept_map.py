@@ -232,7 +232,7 @@ def test_maps_of_picture_and_reflections_share_the_memory(replay_buffer_mib, kep
 
 
 def test_plan_forecasts_batches_of_all_lights_for_each():
-    """Beside a light of 256 views one without size has 32 batches, too."""
+    """Beside a light of 256 views one without size has 32 batches, too; alone it has 16."""
     sun, key = sun_light("Sun", angle_rad=0), area_light("Key", eye=(-2, -2, 5))
     alone, beside = (forecasts_ms(lights, Method.MVR, view_count=256, replay_buffer_mib=1)["Sun"] for lights in ([sun], [sun, key]))
-    assert beside == pytest.approx(256 / MAX_BATCH_VIEWS / BATCHES * alone)
+    assert beside == pytest.approx(256 / MAX_BATCH_VIEWS / 16 * alone)

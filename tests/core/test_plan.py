@@ -198,7 +198,7 @@ def test_more_work_is_predicted_to_take_longer(method, more):
 
 def test_rasterizing_is_predicted_to_take_as_long_as_there_are_views():
     # that also have four times the eye samples
-    few, many = (planned(fine_scene(40), method=Method.MVR, view_count=view_count).predicted_ms for view_count in (256, 1024))
+    few, many = (planned(fine_scene(40), method=Method.MVR, view_count=view_count).predicted_ms for view_count in (512, 2048))
     assert many == pytest.approx(4 * few)
 
 
@@ -292,9 +292,9 @@ def test_the_eye_is_rasterized_as_often_as_predicted(device, monkeypatch, sample
     scene = scene_with(area_light())
     with prepared_renderer(scene, device, view_count=128, map_resolution_px=16) as renderer:
         render_batches(renderer)
-        assert renderer.plan.eye_sample_count == 32
-    assert len(rasterized) == -(-32 // samples_per_px**2)
-    assert predicted_rasterization_count(scene, 32) == pytest.approx(len(rasterized))
+        assert renderer.plan.eye_sample_count == 64
+    assert len(rasterized) == -(-64 // samples_per_px**2)
+    assert predicted_rasterization_count(scene, 64) == pytest.approx(len(rasterized))
 
 
 @pytest.mark.parametrize("row_count", [4, 400])
@@ -379,14 +379,26 @@ def test_more_views_never_bring_fewer_eye_samples():
     camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), WIDTH, HEIGHT)
     scene = snapshot([floor(4.0), box("box", (0, 0, 0.5), (0.5, 0.5, 0.5))], [area_light()], camera, WIDTH, HEIGHT)
     counts = [plan(scene, Settings(view_count=count)).eye_sample_count for count in (3, 9, 32, 57, 63, 64, 65, 72, 100, 128, 200)]
-    assert counts == sorted(counts) and counts[0] == 8 and counts[4:6] == [16] * 2 and counts[-2:] == [32] * 2
+    assert counts == sorted(counts) and counts[0] == 8 and counts[4:6] == [16] * 2 and counts[-2:] == [64] * 2
 
 
-@pytest.mark.parametrize(("view_count", "eye_samples_per_batch"), [(8, 2), (64, 2), (128, 4), (1024, 4)])
-def test_hard_shadows_come_in_batches_however_many_views_are_asked_for(view_count, eye_samples_per_batch):
+@pytest.mark.parametrize(
+    ("view_count", "size_px", "batch_count", "eye_samples_per_batch"),
+    [(8, (96, 54), 8, 2), (64, (96, 54), 8, 2), (128, (96, 54), 16, 4), (1024, (96, 54), 16, 4), (1024, (1920, 1080), 8, 4)],
+)
+def test_hard_shadows_come_in_batches_however_many_views_are_asked_for(view_count, size_px, batch_count, eye_samples_per_batch):
     """A batch's eye samples take memory each."""
-    work = plan(scene_with(area_light(size_m=(0, 0))), Settings(view_count=view_count))
-    assert (work.batch_count, work.eye_samples_per_batch) == (8, eye_samples_per_batch)
+    scene = dataclasses.replace(scene_with(area_light(size_m=(0, 0))), width_px=size_px[0], height_px=size_px[1])
+    work = plan(scene, Settings(view_count=view_count))
+    assert (work.batch_count, work.eye_samples_per_batch) == (batch_count, eye_samples_per_batch)
+
+
+def test_large_pictures_have_fewer_eye_samples_a_batch():
+    """Two G-buffers of 1920 x 1080 more would take 190 MiB."""
+    small = scene_with(area_light())
+    large = dataclasses.replace(small, width_px=1920, height_px=1080)
+    plans = [plan(scene, Settings(view_count=128)) for scene in (small, large)]
+    assert [(work.eye_samples_per_batch, work.eye_sample_count) for work in plans] == [(4, 64), (2, 32)]
 
 
 @pytest.mark.parametrize(("arguments", "view_count"), [({"map_resolution_px": 4096}, 64), ({"batch_view_count": 1}, 32)])
@@ -403,7 +415,7 @@ def test_hard_shadows_have_as_many_eye_samples_as_soft_ones():
     for count in (64, 128, 256):
         works = [plan(scene, Settings(view_count=count)) for scene in (hard, soft)]
         assert works[0].passes[0].view_count == 1
-        assert works[0].eye_sample_count == works[1].eye_sample_count == min(count // 4, 32)
+        assert works[0].eye_sample_count == works[1].eye_sample_count == (16 if count == 64 else 64)
         assert all(work.batch_count * work.eye_samples_per_batch >= work.eye_sample_count for work in works)
 
 

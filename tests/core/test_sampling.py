@@ -154,7 +154,7 @@ def test_offsets_are_distributed_as_the_filter(shape, width_px):
     assert (pixel_offsets(PixelFilter(shape, width_px), 1) == 0).all()
 
 
-@pytest.mark.parametrize(("view_count", "offset_count"), [(128, 32), (256, 32)])
+@pytest.mark.parametrize(("view_count", "offset_count"), [(128, 32), (128, 64), (256, 32), (256, 64)])
 @pytest.mark.parametrize("name", ["Key", "Fill", "Lamp.001"])
 def test_offsets_do_not_follow_the_lights_points(name, view_count, offset_count):
     """A sixteenth of the light is seen from half of a pixel's quarters or more, for each of the four pairs of their coordinates: where an

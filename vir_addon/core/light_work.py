@@ -31,7 +31,7 @@ from .passes.percentage_closer import PERCENTAGE_CLOSER, LightTaps, light_radius
 from .passes.resolve import DELIVERED_FLAGS, FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, WAS_LIT
 from .passes.scene_data import SceneData
 from .passes.shadow_maps import MAX_BATCH_VIEWS, DepthMaps, face_table, samples_table, views_table
-from .plan import MAX_EYE_SAMPLES, NO_MAP_REASON, PlannedPass, RenderPlan
+from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
 from .reach import Receivers, select_receivers
 from .reflections.work import Hits, ReflectionWork
 from .sampling import light_samples, sample_weights
@@ -423,8 +423,8 @@ class LightWork(Shared):
         )
 
     def _seen_eye_share(self, batch: int) -> float:
-        """Of the frame's eye samples, of those at most that anti-aliasing takes: reflections may have more."""
-        return (batch + 1) * self.plan.eye_samples_per_batch / min(self.plan.eye_sample_count, MAX_EYE_SAMPLES)
+        """Of the frame's eye samples, of those at most that anti-aliasing takes."""
+        return (batch + 1) * self.plan.eye_samples_per_batch / self.plan.edge_sample_count
 
     def _has_to_settle(self, batch: int) -> bool:
         """Not when no batch is left to gain from it."""

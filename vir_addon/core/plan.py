@@ -30,7 +30,12 @@ SHARED_MAPS_NOTE = (
 )
 MIN_EYE_SAMPLES = 8
 MAX_EYE_SAMPLES = 32
-"""With 128 views: fewer views for each than MIN_EYE_SAMPLE_VIEWS bring as much noise as more eye samples take."""
+MANY_EYE_SAMPLES = 64
+"""where MANY_VIEWS are asked for: of what is left of the error most is pixels that outlines cut"""
+MANY_VIEWS = 128
+MAX_MANY_EYE_SAMPLES_PX = 1 << 20
+"""of the picture: G-buffers of a batch take 48 bytes for each pixel and eye sample"""
+MAX_BATCH_EYE_SAMPLES = 4
 
 AUTO_METHODS = (Method.MICRO, Method.MVR, Method.IVIR)
 """What `auto` chooses from; the others are there to be compared with these, and were nowhere measured to be faster."""
@@ -41,7 +46,7 @@ POINTS_HANDICAP = 1.25
 NO_MAP_REASON = "no map needed: nothing casts a shadow on what is in the picture"
 
 MIN_EYE_SAMPLE_VIEWS = 4
-"""so many at least are spread over the whole light"""
+"""so many at least are spread over the whole light; two of MANY_EYE_SAMPLES"""
 
 LATTICE_STEPS = 6
 """to a box, or as many as MAX_LATTICE_PLACES leaves it where there are many"""
@@ -98,6 +103,8 @@ class RenderPlan:
     """Each has its share of a batch's views. Where a pixel shows surfaces of unlike irradiance, its ratio is as good as its eye samples."""
     eye_sample_count: int
     """eye G-buffers with sub-pixel offsets that batches take turns with"""
+    edge_sample_count: int
+    """of these, those that anti-aliasing takes: reflections may have more"""
     notes: tuple[str, ...] = ()
     """what the user should know, the snapshot's notes included"""
     predicted_ms: float = 0.0
@@ -113,12 +120,11 @@ class RenderPlan:
 
     def has_same_steps(self, other: RenderPlan) -> bool:
         """Whether passes of both are made in the same batches, and with the same settings."""
-        return (self.settings, self.batch_count, self.eye_samples_per_batch, self.eye_sample_count) == (
-            other.settings,
-            other.batch_count,
-            other.eye_samples_per_batch,
-            other.eye_sample_count,
+        own, others = (
+            (each.settings, each.batch_count, each.eye_samples_per_batch, each.eye_sample_count, each.edge_sample_count)
+            for each in (self, other)
         )
+        return own == others
 
 
 def plan(snapshot: SceneSnapshot, settings: Settings, before: tuple[SceneSnapshot, RenderPlan] | None = None) -> RenderPlan:
@@ -152,10 +158,14 @@ def plan(snapshot: SceneSnapshot, settings: Settings, before: tuple[SceneSnapsho
     has_passes = any(job.skipped is None for job in jobs)
     most_views = max(view_counts, default=0)
     only_reflects = _only_reflects(has_passes, reflections)
-    batch_count = _light_batch_count(most_views, settings.map_resolution_px, settings, only_reflects) if most_views else 1
+    # reflections trace rays for each
+    edge_sample_count = MAX_EYE_SAMPLES if needs_rounds else _most_eye_samples(snapshot, most_views, settings)
+    batch_count = 1
+    if most_views:
+        batch_count = _light_batch_count(most_views, settings.map_resolution_px, settings, only_reflects, edge_sample_count)
 
     def eye_samples_of(batch_count: int) -> int:
-        return 1 if only_reflects else _eye_samples_per_batch(most_views, batch_count, settings)
+        return 1 if only_reflects else _eye_samples_per_batch(most_views, batch_count, settings, edge_sample_count)
 
     notes = list(snapshot.notes)
     rounds: ReflectionRounds | None = None
@@ -165,7 +175,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings, before: tuple[SceneSnapsho
         notes += [rounds.note] if rounds.note else []
         notes += [SHARED_MAPS_NOTE] if has_passes else []
     eye_samples_per_batch = eye_samples_of(batch_count) if rounds is None else rounds.rounds_per_batch
-    most_eye_samples = max(MAX_EYE_SAMPLES, settings.reflection_sample_count * needs_rounds)
+    most_eye_samples = max(edge_sample_count, settings.reflection_sample_count * needs_rounds)
     eye_sample_count = min(batch_count * eye_samples_per_batch, most_eye_samples)
     steps = _Steps(batch_count, batch_count * eye_samples_per_batch)
     known = _known_lines(snapshot, steps, before)
@@ -181,6 +191,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings, before: tuple[SceneSnapsho
         batch_count=batch_count,
         eye_samples_per_batch=eye_samples_per_batch,
         eye_sample_count=eye_sample_count,
+        edge_sample_count=min(eye_sample_count, edge_sample_count),
         notes=tuple(notes),
         predicted_ms=lights_ms + eye_ms + reflections_ms,
         reflections=reflections,
@@ -254,13 +265,24 @@ def _only_reflects(has_passes: bool, reflections: PlannedReflections | None) -> 
     return reflections is not None and reflections.runs and not has_passes
 
 
-def _eye_samples_per_batch(most_views: int, batch_count: int, settings: Settings) -> int:
-    """Hard shadows have one view, which every eye sample sees: there are as many as if there were all of the views that the settings ask
-    for. To `pcss` these mean nothing."""
+def _most_eye_samples(snapshot: SceneSnapshot, most_views: int, settings: Settings) -> int:
+    asked = _views_asked_for(settings) if most_views == 1 else most_views
+    is_small = snapshot.width_px * snapshot.height_px <= MAX_MANY_EYE_SAMPLES_PX
+    return MANY_EYE_SAMPLES if asked >= MANY_VIEWS and is_small else MAX_EYE_SAMPLES
+
+
+def _views_asked_for(settings: Settings) -> int:
+    """For hard shadows, which have one view, but as many eye samples as if there were all of these. To `pcss` they mean nothing."""
+    return settings.view_count if settings.method is not Method.PCSS else 0
+
+
+def _eye_samples_per_batch(most_views: int, batch_count: int, settings: Settings, most_eye_samples: int = MAX_EYE_SAMPLES) -> int:
+    """The view of hard shadows is one that every eye sample sees."""
     views = math.ceil(most_views / batch_count)
     if most_views == 1:
-        views = max(MAX_BATCH_VIEWS, settings.view_count // batch_count if settings.method is not Method.PCSS else 0)
-    return max(min(math.ceil(MAX_EYE_SAMPLES / batch_count), views // MIN_EYE_SAMPLE_VIEWS), 1)
+        views = max(MAX_BATCH_VIEWS, _views_asked_for(settings) // batch_count)
+    least_views = MIN_EYE_SAMPLE_VIEWS * MAX_EYE_SAMPLES // most_eye_samples
+    return max(min(math.ceil(most_eye_samples / batch_count), views // least_views, MAX_BATCH_EYE_SAMPLES), 1)
 
 
 def _most_batch_views(map_resolution_px: int, settings: Settings) -> int:
@@ -272,18 +294,21 @@ def _least_batch_count(most_views: int, map_resolution_px: int, settings: Settin
     return math.ceil(most_views / _most_batch_views(map_resolution_px, settings))
 
 
-def _light_batch_count(most_views: int, map_resolution_px: int, settings: Settings, only_reflects: bool) -> int:
+def _light_batch_count(
+    most_views: int, map_resolution_px: int, settings: Settings, only_reflects: bool, most_eye_samples: int = MAX_EYE_SAMPLES
+) -> int:
     """What reflectors show is looked up by as many eye samples as rays are asked for."""
-    count_batches = _least_batch_count if only_reflects else _batch_count
-    return count_batches(most_views, map_resolution_px, settings)
+    if only_reflects:
+        return _least_batch_count(most_views, map_resolution_px, settings)
+    return _batch_count(most_views, map_resolution_px, settings, most_eye_samples)
 
 
-def _batch_count(most_views: int, map_resolution_px: int, settings: Settings) -> int:
+def _batch_count(most_views: int, map_resolution_px: int, settings: Settings, most_eye_samples: int) -> int:
     """Where so few batches have too few eye samples, more and smaller ones. All eye samples of hard shadows could come in one, which takes
     memory for each: they come in several, too."""
     batch_count = _least_batch_count(most_views, map_resolution_px, settings)
     has_enough = most_views > 1 and batch_count * _eye_samples_per_batch(most_views, batch_count, settings) >= MIN_EYE_SAMPLES
-    return batch_count if has_enough else MIN_EYE_SAMPLES
+    return batch_count if has_enough else max(MIN_EYE_SAMPLES, most_eye_samples // MAX_BATCH_EYE_SAMPLES)
 
 
 def _chosen_lights(snapshot: SceneSnapshot, settings: Settings) -> list[Light]:
