@@ -183,6 +183,17 @@ Found look_up_direction(ReflectionMap map, vec3 direction_ws) {
     return found;
 }
 
+// Whether a ray that met nothing is behind what the map shows, seen from its centre, where it leaves the box around all of that. If not,
+// nothing was in its way, whatever lies in its direction from the centre: over walls rays from high places go out.
+bool ends_hidden(ReflectionMap map, vec3 origin_ws, vec3 direction_ws) {
+    vec3 lengths = (mix(map.low_ws, map.high_ws, greaterThan(direction_ws, vec3(0.0))) - origin_ws) / direction_ws;
+    lengths = mix(lengths, vec3(FAR_ALONG), equal(direction_ws, vec3(0.0)));
+    // rays that begin on a side of the box may do so beyond it by rounding
+    float end = max(min(min(lengths.x, lengths.y), lengths.z), 0.0);
+    vec3 end_ws = origin_ws + end * direction_ws;
+    return !map.is_cube || look_up_direction(map, end_ws - map.center_ws).how != REFLECTED_NOTHING;
+}
+
 // What the ray meets up to `last_m`; REFLECTED_OUT_OF_VIEW: perhaps something outside of a map that is no cube. Where that was hidden from
 // the map's centre, what the map shows in its direction, if that counts.
 Found follow(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m, float last_m, bool counts_by_direction) {
@@ -190,7 +201,7 @@ Found follow(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m
     return look_up_direction(map, direction_ws);
 #else
     Found found = march(map, origin_ws, direction_ws, first_m, last_m);
-    if (counts_by_direction && found.how == REFLECTED_NOTHING) {
+    if (counts_by_direction && found.how == REFLECTED_NOTHING && ends_hidden(map, origin_ws, direction_ws)) {
         Found behind = look_up_direction(map, direction_ws);
         if (behind.how != REFLECTED_NOTHING) {
             Meeting exact = meet(origin_ws, direction_ws, behind.texel);

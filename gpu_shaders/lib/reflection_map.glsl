@@ -19,6 +19,8 @@ struct ReflectionMap {
     int base;     // where its texels begin
     float near_m;
     float reach_m;  // what is farther from the centre is outside of the scene
+    vec3 low_ws;    // corners of the box around all that it shows
+    vec3 high_ws;
 };
 
 ReflectionMap load_map(int number) {
@@ -38,6 +40,8 @@ ReflectionMap load_map(int number) {
     map.base = integer_of(rows[5].xy);
     map.near_m = rows[5].z;
     map.reach_m = rows[5].w;
+    map.low_ws = texelFetch(map_headers, linear_texel(HEADER_TEXELS * number + 7), 0).xyz;
+    map.high_ws = texelFetch(map_headers, linear_texel(HEADER_TEXELS * number + 8), 0).xyz;
     return map;
 }
 

@@ -474,3 +474,36 @@ def test_a_rough_coat_in_even_light_reflects_as_much_as_its_colour_says(device):
     passes = render_passes(scene, device, reflection_sample_count=32, effects=(Effect.REFLECTION,))
     assert passes[REFLECTION_COLOR_PASS_NAME][4:8, 8:-8].min() > 0.1
     assert passes[REFLECTION_PASS_NAME][4:8, 8:-8].mean() == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_sky_over_far_walls_lights_what_a_ball_between_them_shows(device):
+    """Long walls whose tops see past each other, which from the ball's place no direction does: of the sky an upright wall gets
+    (1 - sin(elevation of the other's top)) / 2."""
+    height_m, half_m, ball_m, long_m, albedo = 2.0, 2.0, 0.5, 80.0, 0.8
+    walls = [
+        rectangle("left", (-half_m, -long_m / 2, 0), (0, long_m, 0), (0, 0, height_m)),
+        rectangle("right", (half_m, -long_m / 2, 0), (0, long_m, 0), (0, 0, height_m)),
+    ]
+    ground = rectangle("ground", (-half_m, -long_m / 2, 0), (2 * half_m, 0, 0), (0, long_m, 0))
+    ball = bumpy_sphere("ball", (0, 0, ball_m), ball_m, 96, bump_share=0.0)
+    width, height = 64, 64
+    camera = perspective_camera((0.0, -1.6, 0.7), (0.0, 0.0, ball_m), width, height, 0.4)
+    materials = [*[matte((albedo,) * 3)] * 2, matte((0, 0, 0)), mirror()]
+    scene = snapshot([*walls, ground, ball], [], camera, width, height, materials=materials, world=World((1.0, 1.0, 1.0)))
+    image = render_passes(scene, device, effects=(Effect.REFLECTION,), bounces=1, reflection_sample_count=32)[REFLECTION_PASS_NAME][..., 0]
+
+    eye, directions = camera_rays(camera, width, height)
+    directions = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+    from_ball = eye - (0, 0, ball_m)
+    along = directions @ from_ball
+    half_chord = along**2 - from_ball @ from_ball + ball_m**2
+    at = from_ball + (-along - np.sqrt(np.maximum(half_chord, 0)))[..., None] * directions
+    normals = at / ball_m
+    outgoing = directions - 2 * (directions * normals).sum(axis=-1, keepdims=True) * normals
+    with np.errstate(divide="ignore"):
+        way = (half_m - np.sign(outgoing[..., 0]) * at[..., 0]) / np.abs(outgoing[..., 0])
+    met_y, met_z = (at + way[..., None] * outgoing)[..., 1], (at + way[..., None] * outgoing)[..., 2] + ball_m
+    judged = (half_chord > 0.05) & (met_z > 0.6 * height_m) & (met_z < 0.97 * height_m) & (np.abs(met_y) < 5)
+    assert judged.sum() > 100
+    elevation = np.arctan((height_m - met_z[judged]) / (2 * half_m))
+    assert image[judged].mean() == pytest.approx((albedo * (1 - np.sin(elevation)) / 2).mean(), rel=0.03)

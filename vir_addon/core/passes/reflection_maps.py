@@ -2,9 +2,10 @@
 sees and between which depths, coarser levels between which depths all texels below them.
 
 All maps of a frame are one list of texels:
-    map_headers     seven texels a map: centre and whether it is a cube; three axes, with width, height and the number of the first of its
+    map_headers     nine texels a map: centre and whether it is a cube; three axes, with width, height and the number of the first of its
                     reflector's OWN_CUBES cubes of itself, -1: none; corner and size of a texel in tangents; where its texels begin
-                    (halves), nearest and farthest depth; FURTHER_MAPS numbers of others, -1: none
+                    (halves), nearest and farthest depth; FURTHER_MAPS numbers of others, -1: none; two corners of the box around all
+                    that it shows
     map_texels      of every map, from the finest level on: range of depths, instance number and triangle number, -1 where nothing is
 """
 
@@ -29,7 +30,7 @@ from .small_triangles import COPY_TEXELS
 MAP_LEVELS = 6
 """so many that a texel of the coarsest is MAP_SIZE_STEP_PX wide"""
 MAP_SIZE_STEP_PX = 1 << (MAP_LEVELS - 1)
-HEADER_TEXELS, FURTHER_MAPS, OWN_CUBES = 7, 4, 2
+HEADER_TEXELS, FURTHER_MAPS, OWN_CUBES = 9, 4, 2
 HEADER_DEFINE = {"HEADER_TEXELS": HEADER_TEXELS}
 BYTES_PER_TEXEL = 16
 NOTHING_NEARER = 1e30
@@ -151,8 +152,9 @@ class ReflectionMap:
             clip_from_face[2] *= -1.0
         return clip_from_face @ face_from_world
 
-    def header(self, base: int, further: np.ndarray, first_own: int) -> np.ndarray:
-        """(HEADER_TEXELS, 4). further: (FURTHER_MAPS,) numbers of maps, and first_own, as of `ReflectionMaps`"""
+    def header(self, base: int, further: np.ndarray, first_own: int, corners_ws: np.ndarray) -> np.ndarray:
+        """(HEADER_TEXELS, 4). further: (FURTHER_MAPS,) numbers of maps, and first_own, as of `ReflectionMaps`; corners_ws:
+        (instance_count, 8, 3) of the scene's boxes"""
         left, right, bottom, top = self.window
         rows = np.zeros((HEADER_TEXELS, 4))
         rows[0] = *self.center_ws, self.is_cube
@@ -161,6 +163,9 @@ class ReflectionMap:
         rows[4] = left, bottom, (right - left) / self.width_px, (top - bottom) / self.height_px
         rows[5] = *split_integers(np.array(base)), self.near_m, self.reach_m
         rows[6] = further
+        if len(self.instances):
+            shown = corners_ws[self.instances].reshape(-1, 3)
+            rows[7, :3], rows[8, :3] = shown.min(axis=0), shown.max(axis=0)
         return rows
 
 
@@ -202,7 +207,7 @@ class ReflectionMaps:
         self._drawn_count = 0
         bases = np.concatenate([[0], np.cumsum([each.texel_count for each in maps])]).astype(np.int64)
         rows_of = zip(maps, bases[:-1], further, first_own, strict=True)
-        headers = np.concatenate([each.header(int(base), others, int(own)) for each, base, others, own in rows_of])
+        headers = np.concatenate([each.header(int(base), others, int(own), self.corners_ws) for each, base, others, own in rows_of])
         rows = max(1, -(-int(bases[-1]) // LINEAR_TEXTURE_WIDTH))
         with Owned() as owned:
             self.headers = owned.own(self.device.upload_array(headers))
