@@ -68,6 +68,7 @@ PEERS: dict[str, Run] = {
     "peers_colonnade": peers.hall,
     "peers_model": peers.model,
     "reflections_cycles": reflections_cycles.run,
+    "reflections_rays": reflections_cycles.rays,
 }
 """what `--peers` runs: `make bench-peers`"""
 NAMES = [*BENCHMARKS, *PEERS]

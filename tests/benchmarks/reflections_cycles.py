@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import flip_evaluator
 import numpy as np
 from PIL import Image
 
-from demo_scenes import breakfast, colonnade, gallery
+from demo_scenes import breakfast, colonnade, gallery, mirror_room
 from tests import cycles_reflections
 from vir_addon.blender.job import frame_jobs
 from vir_addon.blender.job import run as run_job
@@ -29,6 +30,13 @@ SCENES: dict[str, Callable[[bpy.types.Scene], None]] = {
     "breakfast table": breakfast.build,
     "gallery": gallery.build,
 }
+ROOMS: dict[str, Callable[[bpy.types.Scene], None]] = {
+    "mirror sphere in a room": lambda scene: mirror_room.build(scene, shape="sphere"),
+    "the same, roughness 0.2": lambda scene: mirror_room.build(scene, shape="sphere", roughness=0.2),
+}
+"""in which fewer and more rays are compared"""
+RAY_COUNTS = 1, 4, 9, 16, 25, 36, 64
+"""25 is what Gavane & Watson 2022 b filter with"""
 LEAST_COLOR = 0.5
 """what a pixel's reflections are multiplied by at least, in Cycles and here, for it to be judged"""
 DIFFERENCE_SCALE = 4
@@ -52,7 +60,7 @@ class Comparison:
     def __init__(self, name: str, resolution: tuple[int, int], samples: int, bounces: tuple[int, ...]) -> None:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self.name, self.scene, self.resolution = name, bpy.context.scene, resolution
-        SCENES[name](self.scene)
+        (SCENES | ROOMS)[name](self.scene)
         halves = [cycles_reflections.render_bounces(self.scene, resolution, samples // 2, bounces, seed) for seed in (2, 3)]
         self.color = (halves[0][0] + halves[1][0]) / 2
         self.judged = self.color.max(axis=-1) > LEAST_COLOR
@@ -64,7 +72,7 @@ class Comparison:
         self.pictures: dict[tuple[int, str], np.ndarray] = {}
         self.rows: list[dict[str, Any]] = []
 
-    def _rms(self, error: np.ndarray) -> float:
+    def rms(self, error: np.ndarray) -> float:
         return float(np.sqrt((error[self.judged].astype(np.float64) ** 2).mean()))
 
     def measure_ours(self, device: Device, view_count: int) -> None:
@@ -93,6 +101,26 @@ class Comparison:
             self.rows.append({"bounces": count, "renderer": EEVEE})
         return ""
 
+    def measure_rays(self, device: Device, counts: tuple[int, ...]) -> Iterator[dict[str, Any]]:
+        """Of one bounce: so many rays a pixel, and as many samples of Cycles; whole frames, after one that compiles."""
+        truth = self.truths[1]
+        for turn, count in enumerate((counts[0], *counts)):
+            settings = Settings(effects=(Effect.REFLECTION,), bounces=1, view_count=16, reflection_sample_count=count)
+            (job,) = frame_jobs(self.scene, self.scene.frame_current, settings, self.resolution).values()
+            start_s = time.process_time()
+            images = run_job(job, device).images
+            seconds = time.process_time() - start_s
+            picture = displayed(images[REFLECTION_PASS_NAME], images[REFLECTION_COLOR_PASS_NAME])
+            if turn:  # the first compiles
+                yield {"renderer": "VIR", "count": count, "cpu_s": seconds, "rmse": self.rms(picture - truth)}
+        for count in counts:
+            start_s = time.process_time()
+            reflection, color = cycles_reflections.render(self.scene, self.resolution, count, bounces=1)
+            # of two renders, one of which tells highlights apart
+            seconds = (time.process_time() - start_s) / 2
+            picture = displayed(reflection, color)
+            yield {"renderer": "Cycles", "count": count, "cpu_s": seconds, "rmse": self.rms(picture - truth)}
+
     def judge(self) -> list[dict[str, Any]]:
         for row in self.rows:
             truth, picture = self.truths[row["bounces"]], self.pictures[row["bounces"], row["renderer"]]
@@ -100,9 +128,9 @@ class Comparison:
             flip, _, _ = flip_evaluator.evaluate(truth[::-1] * shown[::-1], picture[::-1] * shown[::-1], "LDR", applyMagma=False)
             row |= {
                 "scene": self.name,
-                "rmse": self._rms(picture - truth),
+                "rmse": self.rms(picture - truth),
                 "flip": float(flip[::-1].squeeze()[self.judged].mean()),
-                "noise": self._rms(self.noises[row["bounces"]]),
+                "noise": self.rms(self.noises[row["bounces"]]),
                 "pixels": int(self.judged.sum()),
             }
         for row in self.rows:
@@ -139,6 +167,41 @@ def run(options: Options) -> Iterator[list[BenchTable]]:
         rows += comparison.judge()
         comparison.save_pictures(options.output)
         yield [table(rows, resolution, samples, notes)]
+
+
+def rays(options: Options) -> Iterator[list[BenchTable]]:
+    """What fewer and more rays of a pixel cost and bring."""
+    resolution, samples, counts = options.pick(((256, 144), 256, RAY_COUNTS), ((64, 36), 8, RAY_COUNTS[:2]))
+    rows: list[dict[str, Any]] = []
+    for name in ROOMS:
+        comparison = Comparison(name, resolution, samples, (1,))
+        noise = comparison.rms(comparison.noises[1])
+        device = open_device(options.device_name)
+        try:
+            for row in comparison.measure_rays(device, counts):
+                rows.append({"scene": name, "noise": noise, **row})
+                yield [table_of_rays(rows, resolution, samples)]
+        finally:
+            device.close()
+
+
+def table_of_rays(rows: list[dict[str, Any]], resolution: tuple[int, int], samples: int) -> BenchTable:
+    return BenchTable(
+        title=f"Reflections by rays of a pixel, {resolution[0]} x {resolution[1]}",
+        compared=(
+            f"One bounce; errors as of reflections against Cycles, which has {samples} samples. Seconds of all processors, of whole "
+            "frames from the scene as it is read on; Cycles in one render of both passes."
+        ),
+        columns=(
+            Column("scene", "scene"),
+            Column("renderer", "renderer"),
+            Column("count", "rays, samples"),
+            Column("cpu_s", "processors, s", "{:.2f}"),
+            Column("rmse", "RMSE", "{:.4f}"),
+            Column("noise", "noise", "{:.4f}"),
+        ),
+        rows=rows,
+    )
 
 
 def table(rows: list[dict[str, Any]], resolution: tuple[int, int], samples: int, notes: list[str]) -> BenchTable:
