@@ -18,7 +18,7 @@ from pathlib import Path
 
 PROJECT_FOLDER = Path(__file__).resolve().parent.parent.parent
 SCRIPTS = Path(__file__).resolve().parent
-PARTS = ("first_steps", "frames", "tutorial", "passes", "preview", "interruptions", "windows", "vulkan", "uninstall")
+PARTS = ("first_steps", "frames", "tutorial", "passes", "preview", "interruptions", "mistakes", "windows", "vulkan", "uninstall")
 """in this order, on one profile: the first installs what the others use"""
 LIMIT_S = 900
 OPTIONS = {"vulkan": ("--gpu-backend", "vulkan")}
