@@ -176,6 +176,98 @@ int outline_of(int k, LookUp own, float z, bool is_round) {
     return is_round && share > OUTLINE_BELOW_SHARE && rise_below >= 0.5 * OUTLINE_MIN_BEND * rise ? BELOW : UNTOLD;
 }
 
+#ifdef THIN_WALLS
+// Along a plane it changes by as much from texel to texel.
+float nearness(float depth) {
+#ifdef ORTHOGRAPHIC
+    return -depth;
+#else
+    return 1.0 / depth;
+#endif
+}
+
+float stored_nearness(int k, ivec2 address) {
+    ivec2 low = ivec2(0, batch_first_row(k));
+    return nearness(stored_depth(clamp(address, low, low + map_size - 1)));
+}
+
+// What is before the receiver for certain is nearer.
+float receiver_nearness(LookUp own, float z) {
+    return nearness(z - COPLANAR_FOOTPRINTS * own.footprint);
+}
+
+// To the texels beside the own one that are on the receiver's side of its centre.
+ivec2 toward_receiver(LookUp own) {
+    return ivec2(own.offset.x > 0.0 ? 1 : -1, own.offset.y > 0.0 ? 1 : -1);
+}
+
+// Whether a texel, the own one or one beside it, has something above the receiver's plane that may stand on the plane.
+bool may_stand_on_plane(LookUp own, float z, ivec2 beside) {
+    float depth = stored_depth(own.address + beside);
+    float height = height_of(own, depth, dot(own.facing_step, vec2(beside)));
+    bool is_at_hand = depth < z && depth > z - own_reach(CONTACT_FOOTPRINTS, z, own.footprint);
+    return is_at_hand && height > FOOT_FOOTPRINTS * own.footprint && !is_of_point(depth);
+}
+
+bool has_foot_at_hand(LookUp own, float z) {
+    ivec2 toward = toward_receiver(own);
+    return may_stand_on_plane(own, z, ivec2(0)) || may_stand_on_plane(own, z, ivec2(toward.x, 0)) ||
+           may_stand_on_plane(own, z, ivec2(0, toward.y));
+}
+
+// How much farther what a texel shows is a texel on; whether it is a plane for three texels.
+float fall_along(int k, ivec2 address, ivec2 on, float rounding, out bool is_plane) {
+    float first = stored_nearness(k, address);
+    float second = stored_nearness(k, address + on);
+    float third = stored_nearness(k, address + 2 * on);
+    is_plane = abs(first - 2.0 * second + third) <= PLANE_MAX_BEND * abs(first - second) + rounding;
+    return first - second;
+}
+
+// Whether the plane that a texel shows, carried on, is before a receiver which the own texel's centre says is in sight, and has come down
+// to the receiver's plane before it is at that centre: then the receiver lies behind a wall's foot, and the centre does not. beside: to the texel, 0 if it is
+// the own one
+bool is_behind_foot(int k, LookUp own, float z, ivec2 beside) {
+    ivec2 toward = toward_receiver(own);
+    ivec2 address = own.address + beside;
+    float rounding = 0.25 * (receiver_nearness(own, z) - nearness(z));
+    vec2 gain;  // of nearness, a texel on toward the receiver's side
+    bool is_plane = true;
+    for (int axis = 0; axis < 2; axis++) {
+        ivec2 on = axis == 0 ? ivec2(toward.x, 0) : ivec2(0, toward.y);
+        bool is_behind;
+        bool is_ahead;
+        float from_behind = fall_along(k, address, -on, rounding, is_behind);
+        float to_ahead = -fall_along(k, address, on, rounding, is_ahead);
+        // between a texel beside and the own one is where it ends
+        is_behind = is_behind && beside[axis] == 0;
+        gain[axis] = is_behind ? from_behind : to_ahead;
+        is_plane = is_plane && (is_behind || is_ahead);
+    }
+    float at = stored_nearness(k, address);
+    float at_centre = at - dot(vec2(abs(beside)), gain);
+    float at_receiver = at + dot(abs(own.offset) - vec2(abs(beside)), gain) - FOOT_ROUNDING_TEXELS * (abs(gain.x) + abs(gain.y));
+    float down = max(nearness(own.bound / own.ray_facing), nearness(own.depth - COPLANAR_FOOTPRINTS * own.footprint));
+    return is_plane && at_receiver > receiver_nearness(own, z) && at_centre <= down;
+}
+
+bool is_behind_any_foot(int k, LookUp own, float z) {
+    ivec2 toward = toward_receiver(own);
+    bool found = false;
+    for (int i = 0; i < 3; i++) {
+        ivec2 beside = i == 0 ? ivec2(0) : i == 1 ? ivec2(toward.x, 0) : ivec2(0, toward.y);
+        found = found || (may_stand_on_plane(own, z, beside) && is_behind_foot(k, own, z, beside));
+    }
+    return found;
+}
+#endif
+
+// Whether a receiver that its own texel's centre says is in sight, as nothing is stored as near, may be behind a grazed outline.
+bool may_be_behind_outline(LookUp own, float z) {
+    bool is_beyond = HAS_CENTRES_BEYOND && own.depth >= z + MAX_DEEPER_FOOTPRINTS * own.footprint;
+    return is_beyond && dot(own.offset, own.facing_step) < 0.0 && is_grazed(own);
+}
+
 // What the point's own texel says. p: from the view's centre, face space; depth: what the map has there
 int sight(int k, vec3 p, vec3 normal_fs, float depth) {
 #ifdef SEALED
@@ -191,8 +283,11 @@ int sight(int k, vec3 p, vec3 normal_fs, float depth) {
     }
     LookUp own = look_up(k, p, normal_fs, at, depth);
     if (leaves_in_sight(own.depth, own.height, p.z, own.footprint, own_reach(CERTAIN_FOOTPRINTS, p.z, own.footprint))) {
-        bool is_beyond = HAS_CENTRES_BEYOND && own.depth >= p.z + MAX_DEEPER_FOOTPRINTS * own.footprint;
-        return is_beyond && dot(own.offset, own.facing_step) < 0.0 && is_grazed(own) ? UNDECIDED : SEEN;
+        bool is_certain = !may_be_behind_outline(own, p.z);
+#ifdef THIN_WALLS
+        is_certain = is_certain && !has_foot_at_hand(own, p.z);
+#endif
+        return is_certain ? SEEN : UNDECIDED;
     }
     bool is_far = own.depth <= p.z - own_reach(CONTACT_FOOTPRINTS, p.z, own.footprint);
     return is_of_point(own.depth) || !is_far || is_below(own.depth, own.height, p.z, own.footprint) ? UNDECIDED : HIDDEN;
@@ -214,6 +309,14 @@ bool is_flat_around(ivec2 pixel, vec3 normal) {
 // Whether a point is seen that its own texel left undecided. is_round: whether the surface is curved as far as the picture shows
 bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
     LookUp own = look_up(k, p, normal_fs, map_position(k, p), depth_at(k, p));
+#ifdef THIN_WALLS
+    if (leaves_in_sight(own.depth, own.height, p.z, own.footprint, own_reach(CERTAIN_FOOTPRINTS, p.z, own.footprint))) {
+        bool is_behind = is_behind_any_foot(k, own, p.z);
+        if (is_behind || !may_be_behind_outline(own, p.z)) {
+            return !is_behind;
+        }
+    }
+#endif
     // once for all that ask: software rasterizers run every branch
     int outline = outline_of(k, own, p.z, is_round);
     if (own.depth >= p.z + MAX_DEEPER_FOOTPRINTS * own.footprint) {

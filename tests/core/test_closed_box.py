@@ -133,6 +133,40 @@ def test_nothing_leaks_from_a_random_box(device, method, seed):
         assert set(np.unique(image)) == {0.0, 1.0}, f"{image[image < 1].max():.4f} at most, in maps of {resolution_px} texels"
 
 
+def box_of_planes(seed):
+    """Six rectangles on a floor, whose lid lies on the walls' upper edges or crosses the walls below these, with balls around."""
+    random = np.random.default_rng(seed)
+    half, turn_rad, radius_m = random.uniform(0.3, 0.8, 3), random.uniform(0, np.pi / 2), random.uniform(0.02, 0.2)
+    crosses = bool(seed % 2)
+    sides = []
+    for axis in range(3):
+        u, v = (np.eye(3)[k] * half for k in ((axis + 1) % 3, (axis + 2) % 3))
+        for sign in (-1, 1):
+            middle, wider = sign * np.eye(3)[axis] * half, 1.0
+            if axis == 2 and sign == 1 and crosses:
+                middle, wider = 0.98 * middle, 1.1
+            sides.append(rectangle(f"side {axis} {sign}", middle - wider * (u + v), 2 * wider * u, 2 * wider * v))
+    turn = np.array([[np.cos(turn_rad), -np.sin(turn_rad), 0], [np.sin(turn_rad), np.cos(turn_rad), 0], [0, 0, 1]])
+    meshes = [dataclasses.replace(side, positions_os=(side.positions_os @ turn.T).astype(np.float32)) for side in sides]
+    meshes.append(floor(8.0, float(-half[2])))
+    for k in range(3):
+        angle, ball_m = random.uniform(0, 2 * np.pi), random.uniform(0.2, 0.6)
+        away_m = np.linalg.norm(half) + ball_m + 0.1
+        meshes.append(bumpy_sphere(f"ball {k}", (away_m * np.cos(angle), away_m * np.sin(angle), 0), ball_m, 32, smooth=bool(k % 2)))
+    side = random.uniform(0, 2 * np.pi)
+    camera = perspective_camera((7 * np.cos(side), 7 * np.sin(side), 2.0), (0, 0, 0), 160, 90)
+    light = point_light(eye=random.uniform(-0.5, 0.5, 3) * half, radius_m=radius_m)
+    return snapshot(meshes, [light], camera, 160, 90)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 5, 7, 10, 12, 15, 19])
+def test_nothing_leaks_beside_the_joints_of_thin_walls(device, seed):
+    """A texel's centre may lie before a wall's foot, and the receiver behind it."""
+    image = render_pass(box_of_planes(seed), device, method=METHODS[0], view_count=8, map_resolution_px=512)
+    leaks = (image > 0) & (image < 1)
+    assert not leaks.any(), f"{leaks.sum()} pixels, {image[leaks].max():.3f} at most"
+
+
 @pytest.mark.parametrize("method", METHODS_AND_HYBRID)
 def test_nothing_leaks_below_a_hovering_box(device, method):
     """Its walls rise beside its floor, which hovers less than a texel above what it shadows."""

@@ -46,6 +46,10 @@ MAX_PAIRS = 4_000_000
 """view-instance pairs evaluated exactly; beyond it all views share one window"""
 
 
+WALL_PERIMETER_TEXELS = 64.0
+"""of a triangle, from which on what is not closed may be a wall: leaves and petals are not worth looking for their feet"""
+
+
 @dataclass(frozen=True)
 class FittedFace:
     views: FaceViews
@@ -260,6 +264,20 @@ def fit_face(
     windows[:, _is_empty(windows)] = 0
     views = fit_windows(face, centers_fs, samples_m, windows.T, resolution_px, near_m, far_m, center, finest_tangent=finest)
     return FittedFace(views, caster_indices[needed], seen[:, needed], float(nearest_m))
+
+
+def has_thin_walls(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds, fitted: FittedFace) -> bool:
+    """Whether casters of a face may have receivers right behind their foot: they are not closed, and have triangles as large as walls,
+    as far as those tell that predictions are made from (`Mesh.sampled_sizes`). Behind walls of what is closed lies what is in it."""
+    mesh = snapshot.instances.mesh_index[fitted.caster_indices]
+    is_open = np.array([not snapshot.meshes[index].is_closed for index in mesh], bool)
+    indices, mesh = fitted.caster_indices[is_open], mesh[is_open]
+    longest_m = np.array([snapshot.meshes[index].sampled_sizes[1].max(initial=0.0) for index in mesh])
+    scale = np.linalg.norm(snapshot.instances.world_from_object[indices, :3, :3], axis=1).max(axis=1)
+    texel = np.full(len(indices), max(fitted.views.texel_tangent))
+    if light.shape is not LightShape.SUN:
+        texel *= np.linalg.norm(bounds.corners_ws[indices] - light.world_from_light[:3, 3], axis=-1).mean(axis=-1)
+    return bool((longest_m * scale > WALL_PERIMETER_TEXELS * texel).any())
 
 
 def _goes_on_beyond(points: np.ndarray, limits: tuple[float, float, float, float]) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 from ..device.interface import ComputeKernel, Device, Texture, TextureFormat
 from ..device.owned import Owned, Shared
 from .bounds import cullable_instances
-from .fit import FittedFace, fit_light, light_hull, receiver_cone
+from .fit import FittedFace, fit_light, has_thin_walls, light_hull, receiver_cone
 from .methods import depth_map_method
 from .methods.base import DepthMapMethod, FaceJob
 from .methods.shared import SharedByFaces
@@ -265,6 +265,10 @@ class LightWork(Shared):
         if fit.is_cube and (len(self.masks) > 1 or self.taps):
             # what lies in faces without casters lies beyond a single map's window, where all is lit anyway
             self.resolve_flags.append("MANY_FACES")
+        snapshot, bounds = self.scene_data.snapshot, self.plan.bounds
+        only_points = self.planned.method.shrinks_cut_outs
+        if not self.taps and not only_points and any(has_thin_walls(snapshot, self.light, bounds, fitted) for fitted in fit.faces):
+            self.resolve_flags.append("THIN_WALLS")
         for _, _, method in self.faces:
             if method is not None:
                 yield from stopwatch.stages("points", method.preparing())

@@ -23,7 +23,7 @@ from .shadow_maps import DepthMaps
 
 GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
 BLOCK_PX = 16
-_FLAGS_OF_OTHERS = ("POINT_MAPS", "MIXED_MAPS", "SMALL_FACETS", "SEALED")
+_FLAGS_OF_OTHERS = ("POINT_MAPS", "MIXED_MAPS", "SMALL_FACETS", "THIN_WALLS", "SEALED")
 """of maps that are splatted, and of lights without one"""
 
 PERCENTAGE_CLOSER = replace(

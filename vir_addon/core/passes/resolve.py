@@ -62,6 +62,11 @@ TOLERANCES: dict[str, int | float] = {
     # than the least of these is not such a plane.
     "POINT_MAX_RISE_FOOTPRINTS": 5 / 8,
     "POINT_MIN_RISE_FOOTPRINTS": 2 / 5,
+    # What is higher above the plane may be a wall that stands on it between the texel's centre and the receiver, ...
+    "FOOT_FOOTPRINTS": 1 / 32,
+    # ... if it is a plane: what the third texel is off a line through two, of what that rises. Rasterized corners move its foot.
+    "PLANE_MAX_BEND": 1 / 64,
+    "FOOT_ROUNDING_TEXELS": 1 / 32,
     # Normals of neighbouring pixels that differ by less are of one facet, or of a plane.
     "FLAT_NORMAL_DIFFERENCE": 1e-5,
     # Outlines between texels, of surfaces that are round: what rises from the second texel to the third, of what rises before, ...
@@ -115,6 +120,7 @@ RESOLVE = ComputeDeclaration(
         **PROBES_FLAG,
         **MIXED_MAPS_FLAG,
         "SMALL_FACETS": "with MIXED_MAPS: points are of small triangles alone",
+        "THIN_WALLS": "casters may be walls without thickness: receivers right behind their foot",
     },
     defines={**TILE_DEFINES, **TURN_DEFINES, **SETTLED_DEFINES, **TOLERANCES},
 )
