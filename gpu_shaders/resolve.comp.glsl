@@ -225,8 +225,8 @@ float fall_along(int k, ivec2 address, ivec2 on, float rounding, out bool is_pla
 }
 
 // Whether the plane that a texel shows, carried on, is before a receiver which the own texel's centre says is in sight, and has come down
-// to the receiver's plane before it is at that centre: then the receiver lies behind a wall's foot, and the centre does not. beside: to the texel, 0 if it is
-// the own one
+// to the receiver's plane before it is at that centre, or is what the centre shows: then the receiver lies behind a wall's foot.
+// beside: to the texel, 0 if it is the own one
 bool is_behind_foot(int k, LookUp own, float z, ivec2 beside) {
     ivec2 toward = toward_receiver(own);
     ivec2 address = own.address + beside;
@@ -247,8 +247,16 @@ bool is_behind_foot(int k, LookUp own, float z, ivec2 beside) {
     float at = stored_nearness(k, address);
     float at_centre = at - dot(vec2(abs(beside)), gain);
     float at_receiver = at + dot(abs(own.offset) - vec2(abs(beside)), gain) - FOOT_ROUNDING_TEXELS * (abs(gain.x) + abs(gain.y));
-    float down = max(nearness(own.bound / own.ray_facing), nearness(own.depth - COPLANAR_FOOTPRINTS * own.footprint));
-    return is_plane && at_receiver > receiver_nearness(own, z) && at_centre <= down;
+    float plane_at_centre = nearness(own.bound / own.ray_facing);
+#ifdef ORTHOGRAPHIC
+    vec2 tilt = abs(gain - own.facing_step * vec2(toward) / own.ray_facing);
+#else
+    vec2 tilt = abs(gain - own.facing_step * vec2(toward) / own.bound);
+#endif
+    // what hovers along the receiver's plane has no foot within a texel
+    bool comes_down = at_centre <= max(plane_at_centre, nearness(own.depth - COPLANAR_FOOTPRINTS * own.footprint)) &&
+                      at_centre - plane_at_centre <= tilt.x + tilt.y;
+    return is_plane && comes_down && at_receiver > receiver_nearness(own, z);
 }
 
 bool is_behind_any_foot(int k, LookUp own, float z) {

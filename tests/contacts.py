@@ -113,6 +113,21 @@ def leaning_board() -> ContactScene:
     return ContactScene(_made(meshes, light, (0.4, -3.0, 1.0), (0.0, 0.0, 0.2), 0.35))
 
 
+def sheets_on_a_floor() -> ContactScene:
+    """They hover a fifth of a millimetre over it; a board has light look for walls' feet."""
+    random = np.random.default_rng(2)
+    meshes = [floor(2.0), rectangle("board", (-1.8, 1.5, 0), (3.6, 0.1, 0), (0, 0.1, 1.5))]
+    for number in range(4):
+        turn_rad = random.uniform(0, 3)
+        side_u, side_v = (
+            0.21 * np.array([np.cos(turn_rad), np.sin(turn_rad), 0]),
+            0.3 * np.array([-np.sin(turn_rad), np.cos(turn_rad), 0]),
+        )
+        meshes.append(rectangle(f"sheet {number}", (random.uniform(-0.5, 0.3), random.uniform(-0.4, 0.3), 2e-4), side_u, side_v))
+    light = area_light(eye=(-1.4, -0.6, 1.6), target=(0.0, 0.0, 0.0), size_m=(0.3, 0.3))
+    return ContactScene(_made(meshes, light, (0.1, -1.6, 1.3), (0.0, 0.0, 0.0)))
+
+
 def wall_on_a_grazed_floor() -> ContactScene:
     """The light hardly rises above the floor, so places of the wall lie above and below what a receiver sees edge-on."""
     meshes = [floor(4.0), box("wall", (-1.0, 0.0, 0.3), (0.05, 0.8, 0.3), turn_rad=0.2)]
@@ -223,6 +238,7 @@ SCENES: dict[str, Callable[[], ContactScene]] = {
     "cube on a floor": cube_on_a_floor,
     "sphere on a floor": sphere_on_a_floor,
     "leaning board": leaning_board,
+    "sheets on a floor": sheets_on_a_floor,
     "wall on a grazed floor": wall_on_a_grazed_floor,
     "bumpy sphere at its terminator": bumpy_sphere_at_its_terminator,
     "lit room": lit_room,

@@ -45,6 +45,20 @@ def test_no_acne_on_what_is_lit(device, name, method):
     assert error.acne <= 0.003
 
 
+def test_sheets_that_hover_have_no_feet(device):
+    """0.015 of acne if any plane above the receiver's were taken for a wall."""
+    error = Measurement(SCENES["sheets on a floor"](), device).error(MVR, 512)
+    print(error)
+    assert error.acne <= 0.001
+
+
+def test_points_tell_no_planes(device):
+    """0.077 if what vwss splats were taken for rasterized."""
+    error = Measurement(SCENES["stairs"](), device).error(Method.VWSS, 256)
+    print(error)
+    assert error.acne <= 0.055
+
+
 def test_ground_of_folds_is_lit(device):
     """A scan's facets, two texels wide: more tolerance would let light through contacts, less has the ground speckled."""
     measurement = Measurement(SCENES["rough ground"](), device)

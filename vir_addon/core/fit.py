@@ -8,6 +8,7 @@ cannot shadow a visible receiver left out (core/reach.py).
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,8 +45,6 @@ CONE_STEP_RAD = math.radians(15)
 rarely"""
 MAX_PAIRS = 4_000_000
 """view-instance pairs evaluated exactly; beyond it all views share one window"""
-
-
 WALL_PERIMETER_TEXELS = 64.0
 """of a triangle, from which on what is not closed may be a wall: leaves and petals are not worth looking for their feet"""
 
@@ -266,18 +265,21 @@ def fit_face(
     return FittedFace(views, caster_indices[needed], seen[:, needed], float(nearest_m))
 
 
-def has_thin_walls(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds, fitted: FittedFace) -> bool:
-    """Whether casters of a face may have receivers right behind their foot: they are not closed, and have triangles as large as walls,
-    as far as those tell that predictions are made from (`Mesh.sampled_sizes`). Behind walls of what is closed lies what is in it."""
-    mesh = snapshot.instances.mesh_index[fitted.caster_indices]
-    is_open = np.array([not snapshot.meshes[index].is_closed for index in mesh], bool)
-    indices, mesh = fitted.caster_indices[is_open], mesh[is_open]
-    longest_m = np.array([snapshot.meshes[index].sampled_sizes[1].max(initial=0.0) for index in mesh])
-    scale = np.linalg.norm(snapshot.instances.world_from_object[indices, :3, :3], axis=1).max(axis=1)
-    texel = np.full(len(indices), max(fitted.views.texel_tangent))
-    if light.shape is not LightShape.SUN:
-        texel *= np.linalg.norm(bounds.corners_ws[indices] - light.world_from_light[:3, 3], axis=-1).mean(axis=-1)
-    return bool((longest_m * scale > WALL_PERIMETER_TEXELS * texel).any())
+def has_thin_walls(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds, faces: Iterable[FittedFace]) -> bool:
+    """Whether casters of some face may have receivers right behind their foot: they are not closed, and have triangles as large as
+    walls, as far as those tell that predictions are made from (`Mesh.sampled_sizes`). Behind walls of what is closed lies what is in it."""
+    perimeters_m = np.array([0.0 if mesh.is_closed else mesh.sampled_sizes[1].max(initial=0.0) for mesh in snapshot.meshes])
+    for fitted in faces:
+        indices, texel = fitted.caster_indices, max(fitted.views.texel_tangent)
+        perimeter = perimeters_m[snapshot.instances.mesh_index[indices]]
+        indices, perimeter = indices[perimeter > 0], perimeter[perimeter > 0]
+        scale = np.linalg.norm(snapshot.instances.world_from_object[indices, :3, :3], axis=1).max(axis=1)
+        texels = perimeter * scale / texel
+        if light.shape is not LightShape.SUN:
+            texels /= np.linalg.norm(bounds.corners_ws[indices] - light.world_from_light[:3, 3], axis=-1).mean(axis=-1)
+        if (texels > WALL_PERIMETER_TEXELS).any():
+            return True
+    return False
 
 
 def _goes_on_beyond(points: np.ndarray, limits: tuple[float, float, float, float]) -> np.ndarray:

@@ -63,6 +63,8 @@ class LightFit:
     """(view_count, 3) of `sampling.light_samples`"""
     sample_weights: np.ndarray
     """(view_count,)"""
+    has_thin_walls: bool
+    """of `fit.has_thin_walls`"""
 
     def texel_growth(self, wider: LightFit) -> float:
         """How many times as large texels are that reach over more than these surfaces."""
@@ -83,7 +85,8 @@ def fit_views(planned: PlannedPass, light: Light, plan: RenderPlan, scene_data: 
     faces, is_cube = fit_light(snapshot, light, samples_m, plan.bounds, receivers, planned.map_resolution_px, pixels, searched_m)
     hull = None if light.shape is LightShape.SUN else light_hull(light, samples_m)
     culled = cullable_instances(snapshot, plan.bounds, hull)
-    return LightFit(faces, is_cube, culled, samples_m, sample_weights(light, samples_m, cone))
+    is_thin = has_thin_walls(snapshot, light, plan.bounds, faces)
+    return LightFit(faces, is_cube, culled, samples_m, sample_weights(light, samples_m, cone), is_thin)
 
 
 def fit_places(planned: PlannedPass, light: Light, plan: RenderPlan, scene_data: SceneData, places: Places) -> LightFit:
@@ -265,9 +268,7 @@ class LightWork(Shared):
         if fit.is_cube and (len(self.masks) > 1 or self.taps):
             # what lies in faces without casters lies beyond a single map's window, where all is lit anyway
             self.resolve_flags.append("MANY_FACES")
-        snapshot, bounds = self.scene_data.snapshot, self.plan.bounds
-        only_points = self.planned.method.shrinks_cut_outs
-        if not self.taps and not only_points and any(has_thin_walls(snapshot, self.light, bounds, fitted) for fitted in fit.faces):
+        if fit.has_thin_walls and self.planned.method.tells_planes:
             self.resolve_flags.append("THIN_WALLS")
         for _, _, method in self.faces:
             if method is not None:

@@ -47,6 +47,11 @@ class Method(enum.Enum):
         return self in (Method.IVIR, Method.VIR)
 
     @property
+    def tells_planes(self) -> bool:
+        """Whether texels that no point wrote have the depth that is seen through their centre, and RESOLVE can tell them apart."""
+        return self in (Method.MVR, Method.MICRO, Method.HYBRID, Method.EPR)
+
+    @property
     def resolve_flags(self) -> tuple[str, ...]:
         """How RESOLVE has to look at the maps. Points of vwss lie at centres of texels, of its own view, and do not enlarge outlines."""
         if self is Method.HYBRID:
