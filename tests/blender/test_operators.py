@@ -17,7 +17,7 @@ from vir_addon import blender  # noqa: E402
 from vir_addon.blender import devices, frame_state, job, operators, panels, report_file  # noqa: E402
 from vir_addon.blender.images import scene_images  # noqa: E402
 from vir_addon.blender.object_names import named_object  # noqa: E402
-from vir_addon.blender.properties import settings_of  # noqa: E402
+from vir_addon.blender.properties import settings_of, stored_values  # noqa: E402
 from vir_addon.blender.stepped_render import SteppedRender  # noqa: E402
 from vir_addon.core.errors import DeviceError, SceneError  # noqa: E402
 from vir_addon.core.plan import settings_for  # noqa: E402
@@ -442,6 +442,44 @@ def test_a_copy_of_a_scene_means_what_the_scene_means(room, property_name, has_n
     setattr(copy.vir, property_name, "Lamp")
     assert named_object(copy.vir, property_name).name == "Lamp" and named_object(room.vir, property_name) == key
     bpy.data.scenes.remove(copy)
+
+
+@pytest.mark.parametrize("property_name", ["active_light", "active_reflector", "preview_light"])
+@pytest.mark.parametrize("is_first_removed", [False, True])
+def test_copies_of_scenes_that_mean_two_objects_by_one_name(room, property_name, is_first_removed):
+    """Each means what the scene does that it was copied from, also once another scene is gone."""
+    first, scenes = bpy.data.objects["Key"], [bpy.data.scenes.new(name) for name in ("Origin", "Other")]
+    scenes[0].collection.objects.link(first)
+    setattr(scenes[0].vir, property_name, "Key")
+    first.name = "Main"
+    second = bpy.data.objects.new("Key", bpy.data.lights.new("Key", "AREA"))
+    for item in (first, second):
+        scenes[1].collection.objects.link(item)
+    setattr(scenes[1].vir, property_name, "Key")
+    copies = [scene.copy() for scene in scenes]
+    if is_first_removed:
+        bpy.data.scenes.remove(scenes.pop(0))
+    copies += [scene.copy() for scene in scenes]
+    meant = [named_object(scene.vir, property_name) for scene in (*scenes, *copies)]
+    assert meant == ([second, first, second, second] if is_first_removed else [first, second] * 3)
+    # a name that comes without a call
+    stored_values(copies[0].vir)[property_name] = "Lamp"
+    copies[0].collection.objects.link(bpy.data.objects["Lamp"])
+    assert named_object(copies[0].vir, property_name) == bpy.data.objects["Lamp"]
+    for scene in (*scenes, *copies):
+        bpy.data.scenes.remove(scene)
+
+
+def test_undo_brings_back_which_object_a_name_meant(room):
+    room.vir.active_light = "Key"
+    bpy.data.objects["Key"].name = "Main"
+    bpy.data.objects["Fill"].name = "Key"
+    bpy.ops.ed.undo_push(message="before")
+    room.vir.active_light = "Lamp"
+    bpy.ops.ed.undo_push(message="chosen")
+    bpy.ops.ed.undo()
+    undone = bpy.context.scene.vir
+    assert undone.active_light == "Key" and named_object(undone, "active_light") == bpy.data.objects["Main"]
 
 
 def test_figures_of_a_render_stay_with_lights_that_are_renamed_and_planned_again(room):

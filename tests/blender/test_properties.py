@@ -262,3 +262,16 @@ def test_the_light_that_is_shown_may_be_renamed(registered, add, tmp_path):
     assert opened.vir.preview_light_now == "Again"
     bpy.data.objects.remove(bpy.data.objects["Again"])
     assert object_names.named_object(opened.vir, "preview_light") is None
+
+
+def test_what_another_session_meant_says_nothing(registered, add, tmp_path):
+    """A file has numbers of its session, which other objects have in this one."""
+    key, fill = add.light("Key"), add.light("Fill")
+    wishes = registered.vir
+    wishes.preview_light = "Key"
+    wishes.preview_light_meant = wishes.preview_light_meant.replace(object_names._SESSION, "0" * len(object_names._SESSION))
+    wishes.preview_light_meant = wishes.preview_light_meant.replace(f" {key.session_uid} ", f" {fill.session_uid} ")
+    assert object_names.named_object(wishes, "preview_light") == key
+    opened = open_file(save(tmp_path))
+    bpy.data.objects["Key"].name = "Main"
+    assert object_names.named_object(opened.vir, "preview_light").name == "Main"

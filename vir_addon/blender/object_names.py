@@ -1,34 +1,40 @@
 """Objects that a scene's settings name: found again under another name, as an object that is renamed stays the one that was meant.
 
-Files have names, which is what appending, linking and scripts understand; a pointer would keep a deleted object alive. So which object a
-name meant is remembered while Blender runs, from when it was last asked for.
+Files have names, which is what appending, linking and scripts understand; a pointer would keep a deleted object alive. So beside a name
+stands which object of this session it means: copies of scenes and undo take it along, and to other sessions it says nothing. Copies of
+objects are others: a full copy of a scene means what has the name there. A name that no object of the scene has when it is set means
+whichever has it when it is asked for, until the file is saved.
 """
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Sequence
 
 import bpy
 
-_meant: dict[tuple[int, str], tuple[str, int]] = {}
-"""session_uid of a scene and name of a property -> the name in it, session_uid of the object or 0 if none had it when it was set"""
+MEANT = "{}_meant"
+"""the property beside one that names an object, by that one's name: `_mark` of the object that was meant when the name was set"""
+
+_SESSION = secrets.token_hex(8)
+"""no other has the same: a session_uid means another object there"""
+
+
+def _mark(found: bpy.types.Object | None, name: str) -> str:
+    """The name as well: it may be changed without a call."""
+    return "" if found is None else f"{_SESSION} {found.session_uid} {name}"
 
 
 def named_object(group: bpy.types.PropertyGroup, property_name: str) -> bpy.types.Object | None:
     """The object that a property of a scene's settings names; None: none of the scene's."""
     objects, name = group.id_data.objects, getattr(group, property_name)
-    found, key = objects.get(name), (group.id_data.session_uid, property_name)
-    known_name, uid = _meant.get(key) or _meant_by_others(property_name, name)
-    if uid and known_name == name and (found is None or found.session_uid != uid):
-        found = next((item for item in objects if item.session_uid == uid), found)
-    if found is not None:
-        _meant[key] = name, found.session_uid
-    return found
-
-
-def _meant_by_others(property_name: str, name: str) -> tuple[str, int]:
-    """A scene that has never been asked may be a copy of one that has: it has the name from there, and objects as well."""
-    return next((meant for (_, other), meant in _meant.items() if other == property_name and meant[0] == name), ("", 0))
+    found, mark = objects.get(name), getattr(group, MEANT.format(property_name))
+    session, _, uid_and_name = mark.partition(" ")
+    uid, _, marked_name = uid_and_name.partition(" ")
+    if session != _SESSION or marked_name != name or (found is not None and found.session_uid == int(uid)):
+        return found
+    # where it is gone, the one that has its name now
+    return next((item for item in objects if item.session_uid == int(uid)), found)
 
 
 def shown_name(group: bpy.types.PropertyGroup, property_name: str) -> str:
@@ -37,27 +43,21 @@ def shown_name(group: bpy.types.PropertyGroup, property_name: str) -> str:
     return getattr(group, property_name) if found is None else found.name
 
 
-def name_object(group: bpy.types.PropertyGroup, property_name: str, name: str) -> None:
-    """Have a property mean the object that has a name now."""
-    setattr(group, property_name, name)
-    mean_anew(group, property_name)
-
-
 def mean_anew(group: bpy.types.PropertyGroup, property_name: str) -> None:
-    """Have a property mean the object that has the name in it now, whatever it meant: it has been set."""
+    """Have a property mean the object that has the name in it now, whatever it meant: for the property's update callback."""
     name = getattr(group, property_name)
-    found = group.id_data.objects.get(name)
-    _meant[group.id_data.session_uid, property_name] = name, 0 if found is None else found.session_uid
+    setattr(group, MEANT.format(property_name), _mark(group.id_data.objects.get(name), name))
 
 
 def write_names(groups: Sequence[bpy.types.PropertyGroup], property_names: Sequence[str]) -> None:
-    """Into the properties, as for a file, which knows nothing of what is remembered here; asks for all, so that all is remembered."""
+    """Into the properties, as for a file, which other sessions understand by names alone, and which objects they mean: files that were
+    opened do not say. Leaves what is linked and what holds no name as it is."""
     for group in groups:
         for property_name in property_names:
-            name = shown_name(group, property_name)
-            if name != getattr(group, property_name) and group.id_data.library is None:
-                name_object(group, property_name, name)
+            found = named_object(group, property_name)
+            if found is not None and group.id_data.library is None and _is_to_write(group, property_name, found):
+                setattr(group, property_name, found.name)
 
 
-def forget() -> None:
-    _meant.clear()
+def _is_to_write(group: bpy.types.PropertyGroup, property_name: str, found: bpy.types.Object) -> bool:
+    return getattr(group, MEANT.format(property_name)) != _mark(found, found.name) or getattr(group, property_name) != found.name

@@ -28,8 +28,7 @@ from ..core.settings import (
     Resolve,
     Settings,
 )
-from . import object_names
-from .object_names import mean_anew, name_object, shown_name, write_names
+from .object_names import mean_anew, shown_name, write_names
 
 VERSION = 1
 """of the groups; raised together with a new entry in MIGRATIONS"""
@@ -108,7 +107,7 @@ def _row_of(group: VIR_SceneSettings, property_name: str) -> int:
 
 def _name_row(group: VIR_SceneSettings, property_name: str, index: int) -> None:
     objects = group.id_data.objects
-    name_object(group, property_name, objects[index].name if 0 <= index < len(objects) else "")
+    setattr(group, property_name, objects[index].name if 0 <= index < len(objects) else "")
 
 
 def _get_active_light(group: VIR_SceneSettings) -> int:
@@ -132,7 +131,7 @@ def _get_preview_light(group: VIR_SceneSettings) -> str:
 
 
 def _set_preview_light(group: VIR_SceneSettings, name: str) -> None:
-    name_object(group, "preview_light", name)
+    group.preview_light = name
 
 
 def _mean_active_light(group: VIR_SceneSettings, _context: Any) -> None:
@@ -349,6 +348,9 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
         options={"HIDDEN"},
         update=_mean_active_light,
     )
+    active_light_meant: bpy.props.StringProperty(
+        name="Meant", description="The object that is meant, also once it is called otherwise", options={"HIDDEN"}
+    )
     active_light_index: bpy.props.IntProperty(
         name="Active Light",
         description="Row of the list of lights: the index of its object in the scene",
@@ -362,6 +364,9 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
         description="The reflector whose details are shown: the name that its object had when it was chosen",
         options={"HIDDEN"},
         update=_mean_active_reflector,
+    )
+    active_reflector_meant: bpy.props.StringProperty(
+        name="Meant", description="The object that is meant, also once it is called otherwise", options={"HIDDEN"}
     )
     active_reflector_index: bpy.props.IntProperty(
         name="Active Reflector",
@@ -406,6 +411,9 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
         description="The name that the light had when it was chosen whose shadows the preview shows. Empty: those of all lights together",
         options={"HIDDEN"},
         update=_mean_preview_light,
+    )
+    preview_light_meant: bpy.props.StringProperty(
+        name="Meant", description="The object that is meant, also once it is called otherwise", options={"HIDDEN"}
     )
     preview_light_now: bpy.props.StringProperty(
         name="Light",
@@ -506,7 +514,6 @@ def unregister() -> None:
     bpy.app.handlers.save_pre.remove(_stamp)
     bpy.app.handlers.blend_import_post.remove(_bring_up_to_date)
     bpy.app.handlers.load_post.remove(_bring_up_to_date)
-    object_names.forget()
     for owner in reversed(_OWNERS):
         del owner.vir
     for group_class in reversed(CLASSES):
