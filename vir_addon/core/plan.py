@@ -105,6 +105,8 @@ class RenderPlan:
     """eye G-buffers with sub-pixel offsets that batches take turns with"""
     edge_sample_count: int
     """of these, those that anti-aliasing takes: reflections may have more"""
+    most_edge_samples: int
+    """as many were asked for; batches may have no room for all of them, or have few views"""
     notes: tuple[str, ...] = ()
     """what the user should know, the snapshot's notes included"""
     predicted_ms: float = 0.0
@@ -159,13 +161,13 @@ def plan(snapshot: SceneSnapshot, settings: Settings, before: tuple[SceneSnapsho
     most_views = max(view_counts, default=0)
     only_reflects = _only_reflects(has_passes, reflections)
     # reflections trace rays for each
-    edge_sample_count = MAX_EYE_SAMPLES if needs_rounds else _most_eye_samples(snapshot, most_views, settings)
+    most_edge_samples = MAX_EYE_SAMPLES if needs_rounds else _most_eye_samples(snapshot, most_views, settings)
     batch_count = 1
     if most_views:
-        batch_count = _light_batch_count(most_views, settings.map_resolution_px, settings, only_reflects, edge_sample_count)
+        batch_count = _light_batch_count(most_views, settings.map_resolution_px, settings, only_reflects, most_edge_samples)
 
     def eye_samples_of(batch_count: int) -> int:
-        return 1 if only_reflects else _eye_samples_per_batch(most_views, batch_count, settings, edge_sample_count)
+        return 1 if only_reflects else _eye_samples_per_batch(most_views, batch_count, settings, most_edge_samples)
 
     notes = list(snapshot.notes)
     rounds: ReflectionRounds | None = None
@@ -175,7 +177,7 @@ def plan(snapshot: SceneSnapshot, settings: Settings, before: tuple[SceneSnapsho
         notes += [rounds.note] if rounds.note else []
         notes += [SHARED_MAPS_NOTE] if has_passes else []
     eye_samples_per_batch = eye_samples_of(batch_count) if rounds is None else rounds.rounds_per_batch
-    most_eye_samples = max(edge_sample_count, settings.reflection_sample_count * needs_rounds)
+    most_eye_samples = max(most_edge_samples, settings.reflection_sample_count * needs_rounds)
     eye_sample_count = min(batch_count * eye_samples_per_batch, most_eye_samples)
     steps = _Steps(batch_count, batch_count * eye_samples_per_batch)
     known = _known_lines(snapshot, steps, before)
@@ -191,7 +193,8 @@ def plan(snapshot: SceneSnapshot, settings: Settings, before: tuple[SceneSnapsho
         batch_count=batch_count,
         eye_samples_per_batch=eye_samples_per_batch,
         eye_sample_count=eye_sample_count,
-        edge_sample_count=min(eye_sample_count, edge_sample_count),
+        edge_sample_count=min(eye_sample_count, most_edge_samples),
+        most_edge_samples=most_edge_samples,
         notes=tuple(notes),
         predicted_ms=lights_ms + eye_ms + reflections_ms,
         reflections=reflections,
@@ -250,7 +253,7 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
         only_reflects = _only_reflects(any(planned.runs for planned in render_plan.passes), render_plan.reflections)
 
         def batches_of(px: int) -> int:
-            count = _light_batch_count(most_views, px, render_plan.settings, only_reflects)
+            count = _light_batch_count(most_views, px, render_plan.settings, only_reflects, render_plan.most_edge_samples)
             return least_ray_batches(render_plan.settings.reflection_sample_count, count) if reflects else count
 
         fitting_px = next(px for px in range(resolution_px, 0, -1) if px * math.ceil(mapped_views / batches_of(px)) <= limit_px)
@@ -276,7 +279,7 @@ def _views_asked_for(settings: Settings) -> int:
     return settings.view_count if settings.method is not Method.PCSS else 0
 
 
-def _eye_samples_per_batch(most_views: int, batch_count: int, settings: Settings, most_eye_samples: int = MAX_EYE_SAMPLES) -> int:
+def _eye_samples_per_batch(most_views: int, batch_count: int, settings: Settings, most_eye_samples: int) -> int:
     """The view of hard shadows is one that every eye sample sees."""
     views = math.ceil(most_views / batch_count)
     if most_views == 1:
@@ -294,9 +297,7 @@ def _least_batch_count(most_views: int, map_resolution_px: int, settings: Settin
     return math.ceil(most_views / _most_batch_views(map_resolution_px, settings))
 
 
-def _light_batch_count(
-    most_views: int, map_resolution_px: int, settings: Settings, only_reflects: bool, most_eye_samples: int = MAX_EYE_SAMPLES
-) -> int:
+def _light_batch_count(most_views: int, map_resolution_px: int, settings: Settings, only_reflects: bool, most_eye_samples: int) -> int:
     """What reflectors show is looked up by as many eye samples as rays are asked for."""
     if only_reflects:
         return _least_batch_count(most_views, map_resolution_px, settings)
@@ -307,7 +308,8 @@ def _batch_count(most_views: int, map_resolution_px: int, settings: Settings, mo
     """Where so few batches have too few eye samples, more and smaller ones. All eye samples of hard shadows could come in one, which takes
     memory for each: they come in several, too."""
     batch_count = _least_batch_count(most_views, map_resolution_px, settings)
-    has_enough = most_views > 1 and batch_count * _eye_samples_per_batch(most_views, batch_count, settings) >= MIN_EYE_SAMPLES
+    eye_samples = batch_count * _eye_samples_per_batch(most_views, batch_count, settings, most_eye_samples)
+    has_enough = most_views > 1 and eye_samples >= MIN_EYE_SAMPLES
     return batch_count if has_enough else max(MIN_EYE_SAMPLES, most_eye_samples // MAX_BATCH_EYE_SAMPLES)
 
 
@@ -407,10 +409,10 @@ def _known_lines(snapshot: SceneSnapshot, steps: _Steps, before: tuple[SceneSnap
         return {}
     lights = {light.name: light for light in before[0].lights}
     same = {light.name for light in snapshot.lights if light.name in lights and is_same_light(light, lights[light.name])}
-    lines = before[1].passes, before[1].reflected_lights
+    passes, reflected_lights = before[1].passes, before[1].reflected_lights
     known, kept_bytes = {}, 0
-    for is_reflected, index in _making_order(*([line.light_name for line in each] for each in lines)):
-        line = lines[is_reflected][index]
+    for is_reflected, index in _making_order([line.light_name for line in passes], [line.light_name for line in reflected_lights]):
+        line = reflected_lights[index] if is_reflected else passes[index]
         if line.light_name in same:
             known[is_reflected, line.light_name, line.pass_name, kept_bytes] = line
         kept_bytes += line.kept_map_bytes
@@ -438,16 +440,17 @@ def _plan_lights(
 ) -> tuple[tuple[PlannedPass, ...], tuple[PlannedPass, ...]]:
     """For the picture, and for what reflectors show. All share the memory for maps that are kept: what does not fit beside those before
     it is made again for every batch."""
-    all_jobs = jobs, reflected_jobs
     planned: dict[tuple[bool, int], PlannedPass] = {}
     kept_bytes = 0
-    for is_reflected, index in _making_order(*([job.light.name for job in each] for each in all_jobs)):
-        job = all_jobs[is_reflected][index]
+    for is_reflected, index in _making_order([job.light.name for job in jobs], [job.light.name for job in reflected_jobs]):
+        job = reflected_jobs[index] if is_reflected else jobs[index]
         line = known.get((is_reflected, job.light.name, job.pass_name, kept_bytes))
-        planned[is_reflected, index] = line or _plan_light(snapshot, job, bounds, steps, kept_bytes)
-        kept_bytes += planned[is_reflected, index].kept_map_bytes
-    passes, reflected_lights = (tuple(planned[which, index] for index in range(len(all_jobs[which]))) for which in (False, True))
-    return passes, reflected_lights
+        if line is None:
+            line = _plan_light(snapshot, job, bounds, steps, kept_bytes)
+        planned[is_reflected, index] = line
+        kept_bytes += line.kept_map_bytes
+    passes = tuple(planned[False, index] for index in range(len(jobs)))
+    return passes, tuple(planned[True, index] for index in range(len(reflected_jobs)))
 
 
 def _plan_light(snapshot: SceneSnapshot, job: _LightJob, bounds: SceneBounds, steps: _Steps, kept_bytes: int) -> PlannedPass:
