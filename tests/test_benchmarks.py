@@ -10,14 +10,15 @@ import pytest
 
 pytest.importorskip("bpy")
 
-from tests.benchmarks import peers
+from tests.benchmarks import peers, reflections
 from tests.benchmarks.__main__ import NAMES, states
 from tests.benchmarks.memory import forget_peak
 from tests.benchmarks.options import Options
 from tests.benchmarks.speed import Asked, verdict_rows
 from tests.benchmarks.timing import take_turns
 from vir_addon.core.plan import AUTO_METHODS
-from vir_addon.core.settings import Method
+from vir_addon.core.settings import Method, ReflectionMethod
+from vir_addon.device.open import open_device
 
 QUICKEST = ("closed_surface", "growth_views")
 SPEED_SCENES = ("closed_surface", "model", "colonnade", "furnished_room", "forest")
@@ -101,3 +102,17 @@ def test_others_are_compared_with_auto_and_eevee_with_its_quickest_good_run():
     assert eevee["eevee_seconds"] == 8.0 and eevee["eevee_cpu_seconds"] == 16.0 and eevee["best_rmse"] == 0.04
     assert eevee["eevee_seconds_share"] == pytest.approx(vir["eevee_seconds"] / 8.0)
     assert micro["seconds_share"] > 1 and vir["seconds_share"] == 1
+
+
+def test_shading_is_compared_with_texels_of_cubes_that_the_rasterizer_drew():
+    """Splats cover more of them."""
+    device = open_device("moderngl")
+    try:
+        drawn, *others = reflections.measure(2, 20_000, 64, 1, device)
+    finally:
+        device.close()
+    assert drawn["method"] == ReflectionMethod.MVR.value
+    for row in others:
+        assert row["surface_texels"] != drawn["surface_texels"]
+        assert row["shading_ratio"] == pytest.approx(drawn["surface_texels"] / row["shaded"])
+        assert row["published_ratio"] / row["shading_ratio"] == pytest.approx(drawn["published_ratio"] / drawn["shading_ratio"])
