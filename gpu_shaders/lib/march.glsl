@@ -184,14 +184,25 @@ Found look_up_direction(ReflectionMap map, vec3 direction_ws) {
 }
 
 // Whether a ray that met nothing is behind what the map shows, seen from its centre, where it leaves the box around all of that. If not,
-// nothing was in its way, whatever lies in its direction from the centre: over walls rays from high places go out.
-bool ends_hidden(ReflectionMap map, vec3 origin_ws, vec3 direction_ws) {
-    vec3 lengths = (mix(map.low_ws, map.high_ws, greaterThan(direction_ws, vec3(0.0))) - origin_ws) / direction_ws;
-    lengths = mix(lengths, vec3(FAR_ALONG), equal(direction_ws, vec3(0.0)));
-    // rays that begin on a side of the box may do so beyond it by rounding
-    float end = max(min(min(lengths.x, lengths.y), lengths.z), 0.0);
-    vec3 end_ws = origin_ws + end * direction_ws;
-    return !map.is_cube || look_up_direction(map, end_ws - map.center_ws).how != REFLECTED_NOTHING;
+// nothing was in its way, whatever lies in its direction from the centre: over walls rays from high places go out, and others never are
+// in the box.
+bool ends_hidden(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m) {
+    if (!map.is_cube) {
+        return true;
+    }
+    vec3 low_ws;
+    vec3 high_ws;
+    load_box(map.number, low_ws, high_ws);
+    // no quotient of zeros
+    vec3 rate = mix(direction_ws, vec3(1.0 / FAR_ALONG), lessThan(abs(direction_ws), vec3(1.0 / FAR_ALONG)));
+    vec3 to_low = (low_ws - origin_ws) / rate;
+    vec3 to_high = (high_ws - origin_ws) / rate;
+    vec3 nearer = min(to_low, to_high);
+    vec3 farther = max(to_low, to_high);
+    float begin = max(max(nearer.x, nearer.y), max(nearer.z, 0.0));
+    float end = min(min(farther.x, farther.y), farther.z);
+    // rays that begin on a side of the box, or on two, may do so beyond it by rounding
+    return end + first_m >= begin && look_up_direction(map, origin_ws + max(end, 0.0) * direction_ws - map.center_ws).how != REFLECTED_NOTHING;
 }
 
 // What the ray meets up to `last_m`; REFLECTED_OUT_OF_VIEW: perhaps something outside of a map that is no cube. Where that was hidden from
@@ -201,7 +212,7 @@ Found follow(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m
     return look_up_direction(map, direction_ws);
 #else
     Found found = march(map, origin_ws, direction_ws, first_m, last_m);
-    if (counts_by_direction && found.how == REFLECTED_NOTHING && ends_hidden(map, origin_ws, direction_ws)) {
+    if (counts_by_direction && found.how == REFLECTED_NOTHING && ends_hidden(map, origin_ws, direction_ws, first_m)) {
         Found behind = look_up_direction(map, direction_ws);
         if (behind.how != REFLECTED_NOTHING) {
             Meeting exact = meet(origin_ws, direction_ws, behind.texel);

@@ -19,8 +19,7 @@ struct ReflectionMap {
     int base;     // where its texels begin
     float near_m;
     float reach_m;  // what is farther from the centre is outside of the scene
-    vec3 low_ws;    // corners of the box around all that it shows
-    vec3 high_ws;
+    int number;
 };
 
 ReflectionMap load_map(int number) {
@@ -40,9 +39,14 @@ ReflectionMap load_map(int number) {
     map.base = integer_of(rows[5].xy);
     map.near_m = rows[5].z;
     map.reach_m = rows[5].w;
-    map.low_ws = texelFetch(map_headers, linear_texel(HEADER_TEXELS * number + 7), 0).xyz;
-    map.high_ws = texelFetch(map_headers, linear_texel(HEADER_TEXELS * number + 8), 0).xyz;
+    map.number = number;
     return map;
+}
+
+// Corners of the box around all that the map shows.
+void load_box(int number, out vec3 low_ws, out vec3 high_ws) {
+    low_ws = texelFetch(map_headers, linear_texel(HEADER_TEXELS * number + 7), 0).xyz;
+    high_ws = texelFetch(map_headers, linear_texel(HEADER_TEXELS * number + 8), 0).xyz;
 }
 
 // Around all that the map shows.

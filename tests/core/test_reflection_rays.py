@@ -507,3 +507,15 @@ def test_the_sky_over_far_walls_lights_what_a_ball_between_them_shows(device):
     assert judged.sum() > 100
     elevation = np.arctan((height_m - met_z[judged]) / (2 * half_m))
     assert image[judged].mean() == pytest.approx((albedo * (1 - np.sin(elevation)) / 2).mean(), rel=0.03)
+
+
+def test_what_a_reflector_holds_within_itself_is_not_in_it(device):
+    """A black core in a mirror ball: rays begin outside of the box around all that its cube shows and go away from it."""
+    ball, core = bumpy_sphere("ball", (0, 0, 0), 0.5, 96, bump_share=0.0), bumpy_sphere("core", (0, -0.2, 0), 0.18, 24, bump_share=0.0)
+    camera = perspective_camera((0.0, -3.0, 0.0), (0.0, 0.0, 0.0), WIDTH, HEIGHT, 0.3)
+    materials = [mirror(), matte((0, 0, 0))]
+    scene = snapshot([ball, core], [], camera, WIDTH, HEIGHT, materials=materials, world=World((1.0, 1.0, 1.0)))
+    passes = render_passes(scene, device, effects=(Effect.REFLECTION,), bounces=1, reflection_sample_count=4)
+    shown = passes[REFLECTION_COLOR_PASS_NAME].min(axis=-1) > 0.99
+    assert shown.sum() > 40
+    np.testing.assert_allclose(passes[REFLECTION_PASS_NAME][shown], 1.0, atol=1e-3)
