@@ -20,6 +20,12 @@ float stored_depth(ivec2 address) {
     return uintBitsToFloat(texelFetch(depth_maps, address, 0).x);
 }
 
+// Of a texel of a view's map, or of the nearest one at its edge.
+float depth_within(int k, ivec2 address) {
+    ivec2 low = ivec2(0, batch_first_row(k));
+    return stored_depth(clamp(address, low, low + map_size - 1));
+}
+
 // Whether a point wrote what a texel stores: then its outline reaches half a texel too far.
 bool is_of_point(float depth) {
 #ifdef MIXED_MAPS
@@ -160,12 +166,10 @@ int outline_of(int k, LookUp own, float z, bool is_round) {
         texel -= up;
         above += step_up;
     }
-    ivec2 low = ivec2(0, batch_first_row(k));
-    ivec2 high = low + map_size - 1;
-    float nearer = z - stored_depth(clamp(texel, low, high));
-    float below = z - stored_depth(clamp(texel - up, low, high));
+    float nearer = z - depth_within(k, texel);
+    float below = z - depth_within(k, texel - up);
     float rise = below - nearer;
-    float rise_below = z - stored_depth(clamp(texel - 2 * up, low, high)) - below;
+    float rise_below = z - depth_within(k, texel - 2 * up) - below;
     float share = above * rise * (nearer + below) / (step_up * nearer * nearer);
     // planes rise evenly or not at all, and different surfaces have nothing in common
     bool bends = rise > depth_rounding(z) && rise_below <= OUTLINE_MAX_BEND * rise;
@@ -174,6 +178,16 @@ int outline_of(int k, LookUp own, float z, bool is_round) {
         return ABOVE;
     }
     return is_round && share > OUTLINE_BELOW_SHARE && rise_below >= 0.5 * OUTLINE_MIN_BEND * rise ? BELOW : UNTOLD;
+}
+
+// To the texels beside the own one that are on the receiver's side of its centre.
+ivec2 toward_receiver(LookUp own) {
+    return ivec2(own.offset.x > 0.0 ? 1 : -1, own.offset.y > 0.0 ? 1 : -1);
+}
+
+// Whether what the own texel stores leaves the receiver in sight without a look at others.
+bool is_in_sight_of_centre(LookUp own, float z) {
+    return leaves_in_sight(own.depth, own.height, z, own.footprint, own_reach(CERTAIN_FOOTPRINTS, z, own.footprint));
 }
 
 #ifdef THIN_WALLS
@@ -187,18 +201,12 @@ float nearness(float depth) {
 }
 
 float stored_nearness(int k, ivec2 address) {
-    ivec2 low = ivec2(0, batch_first_row(k));
-    return nearness(stored_depth(clamp(address, low, low + map_size - 1)));
+    return nearness(depth_within(k, address));
 }
 
 // What is before the receiver for certain is nearer.
 float receiver_nearness(LookUp own, float z) {
     return nearness(z - COPLANAR_FOOTPRINTS * own.footprint);
-}
-
-// To the texels beside the own one that are on the receiver's side of its centre.
-ivec2 toward_receiver(LookUp own) {
-    return ivec2(own.offset.x > 0.0 ? 1 : -1, own.offset.y > 0.0 ? 1 : -1);
 }
 
 // Whether a texel, the own one or one beside it, has something above the receiver's plane that may stand on the plane.
@@ -290,7 +298,7 @@ int sight(int k, vec3 p, vec3 normal_fs, float depth) {
         return SEEN;
     }
     LookUp own = look_up(k, p, normal_fs, at, depth);
-    if (leaves_in_sight(own.depth, own.height, p.z, own.footprint, own_reach(CERTAIN_FOOTPRINTS, p.z, own.footprint))) {
+    if (is_in_sight_of_centre(own, p.z)) {
         bool is_certain = !may_be_behind_outline(own, p.z);
 #ifdef THIN_WALLS
         is_certain = is_certain && !has_foot_at_hand(own, p.z);
@@ -318,7 +326,7 @@ bool is_flat_around(ivec2 pixel, vec3 normal) {
 bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
     LookUp own = look_up(k, p, normal_fs, map_position(k, p), depth_at(k, p));
 #ifdef THIN_WALLS
-    if (leaves_in_sight(own.depth, own.height, p.z, own.footprint, own_reach(CERTAIN_FOOTPRINTS, p.z, own.footprint))) {
+    if (is_in_sight_of_centre(own, p.z)) {
         bool is_behind = is_behind_any_foot(k, own, p.z);
         if (is_behind || !may_be_behind_outline(own, p.z)) {
             return !is_behind;
@@ -330,7 +338,7 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
     if (own.depth >= p.z + MAX_DEEPER_FOOTPRINTS * own.footprint) {
         return outline != ABOVE;
     }
-    ivec2 toward = ivec2(own.offset.x > 0.0 ? 1 : -1, own.offset.y > 0.0 ? 1 : -1);
+    ivec2 toward = toward_receiver(own);
     vec2 facing_step = own.facing_step * vec2(toward);
     float contact = own_reach(CONTACT_FOOTPRINTS, p.z, own.footprint);
     bool of_point = is_of_point(own.depth);

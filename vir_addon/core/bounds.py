@@ -35,6 +35,11 @@ class SceneBounds:
         corners = np.ascontiguousarray(self.corners_ws.transpose(1, 2, 0))  # the middle axis of (n, 8, 3) takes five times as long
         return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
+    def distances_m(self, indices: np.ndarray, place_ws: np.ndarray) -> np.ndarray:
+        """(n,) float64 from a place, (3,), to instances, the mean of their boxes' corners: of what is around the place, and of a wall
+        beside it, the surface is where its box ends"""
+        return np.linalg.norm(self.corners_ws[indices] - place_ws, axis=-1).mean(axis=-1)
+
 
 def compute_bounds(snapshot: SceneSnapshot) -> SceneBounds:
     mesh_bounds_os = np.array([mesh.bounds_os for mesh in snapshot.meshes], np.float64).reshape(-1, 2, 3)

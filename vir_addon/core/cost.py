@@ -284,8 +284,7 @@ def _estimate_casters(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds
     is_cut_out = np.array([mesh.opacity_map is not None for mesh in snapshot.meshes], bool)[mesh]
     all_counts = np.array([mesh.triangle_count for mesh in snapshot.meshes], np.int64)[mesh]
     scale = np.cbrt(np.abs(np.linalg.det(matrix[:, :3, :3])))
-    # of a shade, whose middle is the lamp, or of a wall beside it, the surface is where its box ends
-    distance = np.linalg.norm(bounds.corners_ws[casters] - light.world_from_light[:3, 3], axis=-1).mean(axis=-1)
+    distance = bounds.distances_m(casters, light.world_from_light[:3, 3])
     tangent = np.repeat([face.texel_tangent for face in faces], [len(face.caster_indices) for face in faces])
     texel = tangent if light.shape is LightShape.SUN else np.maximum(distance, LEAST_DISTANCE_SHARE * bounds.yardstick_m) * tangent
     facing = np.where([mesh.is_closed for mesh in snapshot.meshes], 0.5, 1.0)[mesh]

@@ -276,7 +276,7 @@ def has_thin_walls(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds, f
         scale = np.linalg.norm(snapshot.instances.world_from_object[indices, :3, :3], axis=1).max(axis=1)
         texels = perimeter * scale / texel
         if light.shape is not LightShape.SUN:
-            texels /= np.linalg.norm(bounds.corners_ws[indices] - light.world_from_light[:3, 3], axis=-1).mean(axis=-1)
+            texels /= bounds.distances_m(indices, light.world_from_light[:3, 3])
         if (texels > WALL_PERIMETER_TEXELS).any():
             return True
     return False

@@ -19,24 +19,21 @@ Steps = Generator[HostWork | None, Any, None]
 def compiling(device: Device, declaration: ComputeDeclaration, *flags: str) -> Generator[None, None, ComputeKernel]:
     """Returns a kernel. One that has to be compiled is so in a step of its own: software rasterizers take long, and as long once more when
     it is first run."""
-    is_there = device.has_kernel(declaration, *flags)
-    if not is_there:
-        yield
-    kernel = device.compute_kernel(declaration, *flags)
-    if not is_there:
-        yield
-    return kernel
+    return _in_own_step(device.has_kernel(declaration, *flags), lambda: device.compute_kernel(declaration, *flags))
 
 
 def compiling_raster(device: Device, declaration: RasterDeclaration, *flags: str) -> Generator[None, None, RasterKernel]:
     """`compiling` of what the rasterizer runs."""
-    is_there = device.has_kernel(declaration, *flags)
-    if not is_there:
-        yield
-    kernel = device.raster_kernel(declaration, *flags)
-    if not is_there:
-        yield
-    return kernel
+    return _in_own_step(device.has_kernel(declaration, *flags), lambda: device.raster_kernel(declaration, *flags))
+
+
+def _in_own_step(is_there: bool, kernel: Callable[[], Result]) -> Generator[None, None, Result]:
+    if is_there:
+        return kernel()
+    yield
+    compiled = kernel()
+    yield
+    return compiled
 
 
 def run_steps(steps: Generator[HostWork | None, Any, Result]) -> Result:
