@@ -27,11 +27,11 @@ from vir_addon.core.bounds import compute_bounds
 from vir_addon.core.errors import SceneError
 from vir_addon.core.material import World
 from vir_addon.core.passes.accumulate import pass_image
-from vir_addon.core.passes.eye import EyePass
+from vir_addon.core.passes.eye import EyePass, GBuffer
 from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.picture import Choice
 from vir_addon.core.progressive import NEARBY_STEPS, ProgressiveRender
-from vir_addon.core.settings import Effect, Method, Settings
+from vir_addon.core.settings import Effect, Method, ReflectionMethod, Settings
 from vir_addon.device.owned import Owned
 
 WIDTH, HEIGHT = 40, 24
@@ -100,15 +100,15 @@ SLOW_TO_GATHER = {
 }
 OF_THE_EYE = {"visibility", "surface"}, {"visibility", "surface_with_triangles"}
 """without reflections, and with them"""
-SLOW_TO_TRANSLATE = set.union(*SLOW_TO_GATHER.values(), *OF_THE_EYE) | {
-    "reflect",
-    "march_reflections",
-    "hit_materials",
-    "light_by_surroundings",
-    "light_by_emitters",
-    "light_hits",
-    "resolve",
+OF_RASTERIZED_MAPS = {"reflection_texels", "reflection_levels"}
+OF_MAPS = {
+    ReflectionMethod.MVR: OF_RASTERIZED_MAPS,
+    # the mirrored view of the floor is rasterized whatever cubes are
+    ReflectionMethod.EPR: OF_RASTERIZED_MAPS
+    | {"collect_reflected", "splat_triangles_of_cloud", "splat_tiles_of_cloud", "reflection_texels_of_cloud"},
 }
+OF_RAYS = {"reflect", "march_reflections", "hit_materials", "light_by_surroundings", "light_by_emitters", "light_hits", "resolve"}
+SLOW_TO_TRANSLATE = set.union(*SLOW_TO_GATHER.values(), *OF_THE_EYE, *OF_MAPS.values(), OF_RAYS)
 
 
 @contextlib.contextmanager
@@ -207,7 +207,7 @@ def test_a_long_step_of_every_batch_is_expected_where_it_comes(device, progressi
     assert len(slices) <= progressive.plan.batch_count * (1 + 2 * NEARBY_STEPS + 3)
 
 
-@pytest.mark.parametrize("method", [Method.IVIR, Method.MICRO])
+@pytest.mark.parametrize(("method", "maps"), [(Method.IVIR, ReflectionMethod.EPR), (Method.MICRO, ReflectionMethod.MVR)])
 @pytest.mark.parametrize(
     ("lights", "effects"),
     [
@@ -218,14 +218,14 @@ def test_a_long_step_of_every_batch_is_expected_where_it_comes(device, progressi
     ],
     ids=["sized, reflected", "hard, reflected", "sized", "hard"],
 )
-def test_a_step_translates_one_kernel_of_those_that_take_long(device, progressive, method, lights, effects):
+def test_a_step_translates_one_kernel_of_those_that_take_long(device, progressive, method, maps, lights, effects):
     """Mesa does so when a kernel is compiled and once more when it is first run, each of a tenth to a third of a second."""
     ball, lamp = bumpy_sphere("mirror", (0.0, 1.2, 0.7), 0.7, 12), box("lamp", (-1.5, -1.0, 2.0), (0.2, 0.2, 0.1))
     materials = [*3 * [matte()], mirror(), matte(emission=(3.0, 3.0, 3.0))]
     camera = perspective_camera((0.5, -6.0, 3.5), (0.0, 0.0, 0.5), WIDTH, HEIGHT)
     world = World((0.2, 0.2, 0.2))
     scene = snapshot([*MESHES, ball, lamp], lights, camera, WIDTH, HEIGHT, materials=materials, world=world)
-    settings = Settings(**OPTIONS, method=method, effects=effects)
+    settings = Settings(**OPTIONS, method=method, reflection_method=maps, effects=effects)
     with fresh_kernels(device) as kernels:
         progressive.show(scene, settings)
         before = 0
@@ -237,7 +237,7 @@ def test_a_step_translates_one_kernel_of_those_that_take_long(device, progressiv
             assert len(slow) - before <= 1, slow
             before = len(slow)
         reflects = Effect.REFLECTION in effects
-        of_effects = SLOW_TO_TRANSLATE - set.union(*SLOW_TO_GATHER.values(), *OF_THE_EYE) if reflects else {"resolve"}
+        of_effects = OF_MAPS[maps] | OF_RAYS if reflects else {"resolve"}
         assert {name for name in slow if slow.count(name) > 1} == of_effects | SLOW_TO_GATHER[method] | OF_THE_EYE[reflects]
 
 
@@ -250,7 +250,27 @@ def test_the_kernel_for_probed_tiles_of_the_eye_is_compiled_between_pauses(devic
         device.run(eye.render, [0], 0)
         eye.want_only(np.zeros_like(eye.tiles.is_walked))
         with fresh_kernels(device):
-            assert [sum(1 for _ in eye.rendering([0], batch)) for batch in (1, 2)] == [2, 0]
+            # before it is compiled, after, and once it has been run on nothing
+            assert [sum(1 for _ in eye.rendering([0], batch)) for batch in (1, 2)] == [3, 0]
+
+
+def test_a_kernel_is_first_run_on_nothing_in_a_step_of_its_own(device):
+    """Translating one may take as long as walking the picture."""
+    scene = view()
+    with Owned() as owned, fresh_kernels(device):
+        eye = owned.own(EyePass(owned.own(SceneData(scene, device)), compute_bounds(scene), np.zeros((1, 2))))
+        untouched = np.full((HEIGHT, WIDTH, 4), 7.0, np.float32)
+        buffer = GBuffer(*(owned.own(device.upload_texture(untouched)) for _ in GBuffer._fields))
+        device.run(eye.render, [0], 0)
+        device._started.clear()
+        drawing = eye.tiles.walked.walking(eye.surface, **{**eye._bindings(0, 0), **buffer._asdict()})
+        device.run(next, drawing)
+        assert device.has_run(eye.surface)
+        np.testing.assert_array_equal(device.read(buffer.positions), untouched)
+        assert device.run(list, drawing) == []
+        np.testing.assert_array_equal(device.read(buffer.positions), device.read(eye.buffers[0].positions))
+        again = eye.tiles.walked.walking(eye.surface, **{**eye._bindings(0, 0), **buffer._asdict()})
+        assert device.run(list, again) == [], "the driver knows it"
 
 
 CHANGES = {

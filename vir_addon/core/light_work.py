@@ -342,12 +342,7 @@ class LightWork(Shared):
             turns = yield from stopwatch.stages("resolve", self._resolving(batch, eye, turns, index, rounds))
         if self.has_pass and not self.faces:
             # nothing visible is reached; surfaces still have to be told from the background
-            with stopwatch.stage("resolve"):
-                nothing = {"map_face": 0, "face_mask": 0, "depth_maps": self.store.no_maps}
-                empty = {name: np.zeros((1, 4)) for name in ("face", "views", "samples")}
-                only_turn = np.full(self.accumulator.looked_up.shape, FIRST_FACE | LAST_FACE)
-                for part in range(len(eye.buffers)):
-                    self._resolve(part, only_turn, {**self._round(eye, part, 0), **empty, **nothing})
+            yield from stopwatch.stages("resolve", self._resolving_nothing(eye))
         if self.has_pass and (self._may_settle(batch) or self._may_settle_early(batch)):
             with stopwatch.stage("resolve"):
                 self.accumulator.settle(*eye.buffers[-1], early=not self._may_settle(batch), is_combined=self.plan.is_combined)
@@ -367,11 +362,23 @@ class LightWork(Shared):
             turns = FaceTurns(self.masks, np.array([self._tile_faces(look_up) for look_up in rounds]))
         for part, look_up in enumerate(rounds):
             if not self.accumulator.looked_up.all():
-                yield from self._compiling("PROBES")
-            self._reopen_changed(batch, eye, turns, index, part, look_up)
-            yield from self._compiling()
-            self._resolve(part, turns.of(index, part), look_up)
+                kernel = yield from self._compiling("PROBES")
+                yield from self._reopening_changed(kernel, batch, eye, turns, index, part, look_up)
+            yield from self._looking_up(part, turns.of(index, part), look_up)
         return turns
+
+    def _resolving_nothing(self, eye: EyePass) -> Generator[None, None, None]:
+        nothing = {"map_face": 0, "face_mask": 0, "depth_maps": self.store.no_maps}
+        empty = {name: np.zeros((1, 4)) for name in ("face", "views", "samples")}
+        only_turn = np.full(self.accumulator.looked_up.shape, FIRST_FACE | LAST_FACE)
+        for part in range(len(eye.buffers)):
+            yield from self._looking_up(part, only_turn, {**self._round(eye, part, 0), **empty, **nothing})
+
+    def _looking_up(self, part: int, turns: np.ndarray, look_up: dict[str, Any]) -> Generator[None, None, None]:
+        kernel = yield from self._compiling()
+        with Owned() as temporary:
+            tiles = temporary.own(self.accumulator.tiles_to_look_up(part, turns))
+            yield from tiles.walking(kernel, **self._bound(look_up))
 
     def _lent_maps(self) -> DepthMaps:
         return self.store.maps(self.largest_batch)
@@ -380,7 +387,7 @@ class LightWork(Shared):
         """Look what reflectors show up in the maps of a face. look_up: of the hits' eye sample"""
         tiles = reflections.lit_tiles(FIRST_FACE if index == 0 else 0)
         kernel = yield from self._compiling()
-        tiles.dispatch(kernel, **self._bound({**look_up, **hits.buffer._asdict(), "batch_sums": hits.sums}))
+        yield from tiles.walking(kernel, **self._bound({**look_up, **hits.buffer._asdict(), "batch_sums": hits.sums}))
         if index == len(self.mapped) - 1:
             points = self._light_points(look_up)
             yield from reflections.adding_light(
@@ -489,7 +496,9 @@ class LightWork(Shared):
             kernel.dispatch_grid((columns, rows), tile_faces=tile_faces, **{name: look_up[name] for name in names})
             return self.device.read(tile_faces)
 
-    def _reopen_changed(self, batch: int, eye: EyePass, turns: FaceTurns, index: int, part: int, look_up: dict[str, Any]) -> None:
+    def _reopening_changed(
+        self, kernel: ComputeKernel, batch: int, eye: EyePass, turns: FaceTurns, index: int, part: int, look_up: dict[str, Any]
+    ) -> Generator[None, None, None]:
         """Look settled tiles up at a few pixels, at others in every batch, and go on with those that are not what they were."""
         with Owned() as temporary:
             sees = turns.sees[part]
@@ -497,19 +506,11 @@ class LightWork(Shared):
             if not tiles.count:
                 return
             self.device.fill(self.accumulator.disagreeing, 0)
-            tiles.dispatch_probes(self._kernel("PROBES"), batch, **self._bound(look_up))
+            yield from tiles.probing(kernel, batch, **self._bound(look_up))
         were_lit = self.accumulator.tile_states == STATE_LIT
         reopened = self.accumulator.reopen(turns.skipped_by(index, part))
         eye.want_also(reopened)
         turns.begin_late(index, part, reopened, were_lit)
-
-    def _resolve(self, part: int, turns: np.ndarray, look_up: dict[str, Any]) -> None:
-        with Owned() as temporary:
-            tiles = temporary.own(self.accumulator.tiles_to_look_up(part, turns))
-            tiles.dispatch(self._kernel(), **self._bound(look_up))
-
-    def _kernel(self, *flags: str) -> ComputeKernel:
-        return self.device.compute_kernel(self.look_up, *self.resolve_flags, *flags)
 
     def _compiling(self, *flags: str) -> Generator[None, None, ComputeKernel]:
         return compiling(self.device, self.look_up, *self.resolve_flags, *flags)

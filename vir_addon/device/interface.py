@@ -226,6 +226,9 @@ class Device(abc.ABC):
         rasterizers do and GPUs may."""
         return len(self._kernels) + len(self._started)
 
+    def has_run(self, kernel: ComputeKernel | RasterKernel | GeometryKernel) -> bool:
+        return kernel in self._started
+
     def note_run(self, kernel: ComputeKernel | RasterKernel | GeometryKernel) -> None:
         """To be told by every kernel whenever it is run."""
         self._started.add(kernel)

@@ -36,6 +36,7 @@ from ..passes.reflection_maps import ReflectionMap, ReflectionMaps
 from ..passes.scene_data import WORK_GROUP_SIZE, WorkTable
 from ..reflections.reflectors import Reflector
 from ..settings import ReflectionMethod, Settings
+from ..steps import compiling
 from .linear_store import LinearStore
 
 BATCH_TEXELS = 1 << 22
@@ -159,6 +160,7 @@ class ReflectedPoints:
     # the cloud
 
     def _planning_portions(self) -> Generator[None, None, list[_Portion]]:
+        yield from compiling(self.device, COLLECT_REFLECTED, *self.collect_flags)
         pending, portions = [_Portion(0, self.work.group_count)], []
         while pending:
             yield
@@ -225,8 +227,8 @@ class ReflectedPoints:
                 self._hold(portion)
                 if len(portions) > 1:
                     # depths do not change, but what came first in them is known only of the portion before
-                    self._splat_cloud(batch, is_numbering=False)
-                self._splat_cloud(batch, is_numbering=True)
+                    yield from self._splatting_cloud(batch, is_numbering=False)
+                yield from self._splatting_cloud(batch, is_numbering=True)
             lists = [depths, numbers, *self._came_first, *(store.texture for store in (self.triangles, self.points, self.tiles))]
             self.most_bytes = max(self.most_bytes, sum(each.byte_count for each in lists))
             for cube, first_texel in zip(cubes, first_texels, strict=False):
@@ -239,7 +241,7 @@ class ReflectedPoints:
             yield
             portion = pending.pop()
             self._hold(portion)
-            if self._splat_cloud(batch, is_numbering=False):
+            if (yield from self._splatting_cloud(batch, is_numbering=False)):
                 fitting.append(portion)
             else:
                 pending += portion.halves
@@ -249,8 +251,9 @@ class ReflectedPoints:
         if self._held is not portion:
             self._collect(portion)
 
-    def _splat_cloud(self, batch: _Splatted, *, is_numbering: bool) -> bool:
-        """False where it has more tiles than it should; then it is not splatted, or not all of it."""
+    def _splatting_cloud(self, batch: _Splatted, *, is_numbering: bool) -> Generator[None, None, bool]:
+        """Pauses where a kernel is compiled. Returns False where it has more tiles than it should; then it is not splatted, or not all
+        of it."""
         bindings = {
             "cubes": self._table(batch.cubes, batch.first_texels),
             "nearest_depths": batch.depths,
@@ -258,9 +261,10 @@ class ReflectedPoints:
             "is_numbering": int(is_numbering),
         }
         culled = {"cube_masks": batch.masks, "cube_count": len(batch.cubes), "culling_area": self.culling_area}
+        yield from compiling(self.device, SPLAT_TRIANGLES_OF_CLOUD, *self.flags)
         if not self._splat_triangles(**bindings, **culled):
             return False
-        self.device.compute_kernel(SPLAT_TILES_OF_CLOUD).dispatch_linear(
+        (yield from compiling(self.device, SPLAT_TILES_OF_CLOUD)).dispatch_linear(
             TILE_TEXELS * self._batch_tile_count,
             **bindings,
             cloud_triangles=self.triangles.texture,
@@ -268,7 +272,7 @@ class ReflectedPoints:
             tile_count=self._batch_tile_count,
         )
         if self._counts[1]:
-            self.device.compute_kernel(SPLAT_POINTS_OF_CLOUD).dispatch_linear(
+            (yield from compiling(self.device, SPLAT_POINTS_OF_CLOUD)).dispatch_linear(
                 self._counts[1],
                 **bindings,
                 **culled,
@@ -279,7 +283,7 @@ class ReflectedPoints:
         return True
 
     def _splat_triangles(self, **bindings: Any) -> bool:
-        """As of `_splat_cloud`"""
+        """As of `_splatting_cloud`"""
         while True:
             self.device.fill(self.counters, 0)
             self.device.compute_kernel(SPLAT_TRIANGLES_OF_CLOUD, *self.flags).dispatch_linear(

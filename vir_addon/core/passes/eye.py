@@ -190,10 +190,10 @@ class EyePass(Shared):
             if (yield from self._seeing(index)):
                 yield
             bindings = self._bindings(part, index)
-            self.tiles.walked.dispatch(self.surface, **bindings)
+            yield from self.tiles.walked.walking(self.surface, **bindings)
             if self.tiles.probed.count:
                 kernel = yield from compiling(self.device, self.surface_declaration, "PROBES")
-                self.tiles.probed.dispatch_probes(kernel, batch, **bindings)
+                yield from self.tiles.probed.probing(kernel, batch, **bindings)
 
     def _seeing(self, index: int) -> Generator[None, None, bool]:
         """Have `visibility` be that of an offset; returns whether it was another."""

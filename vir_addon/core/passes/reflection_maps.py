@@ -22,6 +22,7 @@ from ...device.interface import LINEAR_TEXTURE_WIDTH, RenderTarget, Texture, Tex
 from ...device.owned import Owned
 from ..bounds import SceneBounds
 from ..settings import ReflectionMethod
+from ..steps import compiling
 from .eye import VISIBILITY, VISIBILITY_OF_CUT_OUTS
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, WORK_GROUP_SIZE, SceneData
 from .shadow_maps import WORK_TABLE
@@ -242,7 +243,7 @@ class ReflectionMaps:
                     for face in range(each.face_count):
                         self._rasterize(target, each, face)
                         yield
-                    self._store(REFLECTION_TEXELS, number, visibility=target.color)
+                    yield from self._storing(REFLECTION_TEXELS, number, visibility=target.color)
 
     def end_drawing(self) -> None:
         """All that were pending have been drawn or splatted."""
@@ -285,7 +286,7 @@ class ReflectionMaps:
                 for face in range(drawn.face_count):
                     self._rasterize(target, drawn, face, only_cut_outs=True)
                     yield
-            self._store(
+            yield from self._storing(
                 REFLECTION_TEXELS_OF_CLOUD,
                 number,
                 visibility=target.color,
@@ -297,9 +298,10 @@ class ReflectionMaps:
             )
         yield
 
-    def _store(self, declaration: ComputeDeclaration, number: int, **seen: object) -> None:
+    def _storing(self, declaration: ComputeDeclaration, number: int, **seen: object) -> Generator[None, None, None]:
+        """Pauses where a kernel is compiled."""
         drawn = self.maps[number]
-        self.device.compute_kernel(declaration).dispatch_grid(
+        (yield from compiling(self.device, declaration)).dispatch_grid(
             (drawn.width_px, drawn.face_count * drawn.height_px),
             **self.scene_data.bindings,
             map_headers=self.headers,
@@ -308,7 +310,7 @@ class ReflectionMaps:
             **seen,
         )
         for level in range(1, MAP_LEVELS):
-            self.device.compute_kernel(REFLECTION_LEVELS).dispatch_grid(
+            (yield from compiling(self.device, REFLECTION_LEVELS)).dispatch_grid(
                 (drawn.width_px >> level, drawn.face_count * (drawn.height_px >> level)),
                 map_headers=self.headers,
                 map_texels=self.texels,

@@ -6,6 +6,8 @@ nothing to do.
 
 from __future__ import annotations
 
+from collections.abc import Generator
+
 import numpy as np
 
 from ...device.declaration import Constant, Sampled
@@ -79,7 +81,7 @@ class Tiles:
         texels[:, 0], texels[:, 1] = columns, rows
         if numbers is not None:
             texels[:, 2:] = numbers[rows, columns]
-        self.count = len(rows)
+        self.device, self.count = device, len(rows)
         self.texture = device.upload_array(texels)
 
     def dispatch(self, kernel: ComputeKernel, /, **bindings: object) -> None:
@@ -88,6 +90,23 @@ class Tiles:
     def dispatch_probes(self, kernel: ComputeKernel, batch: int, /, **bindings: object) -> None:
         """For a kernel with the flag PROBES."""
         self._dispatch(kernel, -(-self.count // PROBE_COUNT), probe_px(batch), bindings)
+
+    def walking(self, kernel: ComputeKernel, /, **bindings: object) -> Generator[None, None, None]:
+        """`dispatch`, after a pause where the kernel has not been run: software rasterizers translate it then, which takes as long as the
+        walk does."""
+        yield from self._translating(kernel, bindings)
+        self.dispatch(kernel, **bindings)
+
+    def probing(self, kernel: ComputeKernel, batch: int, /, **bindings: object) -> Generator[None, None, None]:
+        """`dispatch_probes`, paused like `walking`."""
+        yield from self._translating(kernel, bindings)
+        self.dispatch_probes(kernel, batch, **bindings)
+
+    def _translating(self, kernel: ComputeKernel, bindings: dict[str, object]) -> Generator[None, None, None]:
+        if self.count and not self.device.has_run(kernel):
+            # of a picture without pixels: nothing is done, by the very program that the rest needs
+            self.dispatch(kernel, **{**bindings, "width": 0})
+            yield
 
     def _dispatch(self, kernel: ComputeKernel, group_count: int, probe: tuple[int, int] | None, bindings: dict[str, object]) -> None:
         probes = {} if probe is None else {"probe_x": probe[0], "probe_y": probe[1]}

@@ -215,7 +215,7 @@ class ReflectionWork:
         flags = ["BY_DIRECTION"] * (self.plan.settings.reflection_look_up is ReflectionLookUp.DIRECTION)
         part = hits.part
         facet, light = self.samples[round_number % len(self.samples), :, bounce]
-        self._walk(
+        yield from self._walking(
             (yield from compiling(self.device, REFLECT, *self.materials.flags, *["FROM_EYE"] * (bounce == 0))),
             **self.scene_data.bindings,
             **self.materials.bindings,
@@ -231,7 +231,7 @@ class ReflectionWork:
         )
         yield
         seen = {**hits.buffer._asdict(), "surfaces": self.surfaces}
-        self._walk(
+        yield from self._walking(
             (yield from compiling(self.device, MARCH_REFLECTIONS, *flags)),
             **self.scene_data.bindings,
             **self.maps.bindings,
@@ -242,7 +242,7 @@ class ReflectionWork:
             throughputs=self.rays["throughputs"],
         )
         yield
-        self._walk(
+        yield from self._walking(
             (yield from compiling(self.device, HIT_MATERIALS, *self.materials.flags, *self.materials.world_flags)),
             **self.scene_data.bindings,
             **self.materials.bindings,
@@ -276,19 +276,19 @@ class ReflectionWork:
         }
         yield
         shown = [*self.materials.world_flags, *self.materials.emission_flags, *["EMISSION"] * self.materials.has_emission]
-        self._walk((yield from compiling(self.device, LIGHT_BY_SURROUNDINGS, *shown, *flags)), **around)
+        yield from self._walking((yield from compiling(self.device, LIGHT_BY_SURROUNDINGS, *shown, *flags)), **around)
         if self.emitter_count:
             yield
-            self._walk(
+            yield from self._walking(
                 (yield from compiling(self.device, LIGHT_BY_EMITTERS, *self.materials.emission_flags)),
                 **around,
                 instance_count=len(self.scene_data.snapshot.instances),
                 emitter_count=self.emitter_count,
             )
 
-    def _walk(self, kernel: ComputeKernel, **bindings: object) -> None:
+    def _walking(self, kernel: ComputeKernel, **bindings: object) -> Generator[None, None, None]:
         width, height = self.size
-        self.tiles.dispatch(kernel, width=width, height=height, **bindings)
+        return self.tiles.walking(kernel, width=width, height=height, **bindings)
 
     def _count_found(self) -> None:
         """What became of the first rays, those of one eye sample."""
@@ -339,7 +339,7 @@ class ReflectionWork:
 
     def adding_light(self, hits: Hits, flags: list[str], **light: object) -> Generator[None, None, None]:
         """flags, light: of LIGHT_HITS"""
-        self._walk(
+        yield from self._walking(
             (yield from compiling(self.device, LIGHT_HITS, *flags)),
             **hits.buffer._asdict(),
             seen_from=hits.seen_from,
@@ -352,10 +352,13 @@ class ReflectionWork:
 
     def end_batch(self, stopwatch: Stopwatch) -> None:
         """All lights are in: add the batch's rounds to the passes."""
+        width, height = self.size
         with stopwatch.stage("reflect"):
             for part, (radiances, colors) in enumerate(zip(self.radiances, self.colors, strict=True)):
                 self.round_count += 1
-                self._walk(self.device.compute_kernel(ADD_REFLECTIONS), radiances=radiances, colors=colors, **self.sums)
+                self.tiles.dispatch(
+                    self.device.compute_kernel(ADD_REFLECTIONS), width=width, height=height, radiances=radiances, colors=colors, **self.sums
+                )
                 if self.plan.settings.per_reflector:
                     self._add_to_reflectors(part)
 
