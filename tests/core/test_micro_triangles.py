@@ -21,6 +21,7 @@ from tests.scenes import (
     snapshot,
     sun_light,
 )
+from vir_addon.core.methods import micro
 from vir_addon.core.passes.shadow_maps import DepthMaps
 from vir_addon.core.passes.small_triangles import BLOCK_TEXELS
 from vir_addon.core.settings import Method
@@ -129,6 +130,16 @@ def test_portions_make_the_same_picture(device, name):
         dense = bumpy_sphere("dense", (0.6, 0.4, 0.9), 0.5, 150)
         scene = snapshot([*meshes, dense], [light], scene.camera, WIDTH, HEIGHT)
     check_portions(scene, device, 2 if name == "leaves" else 1, method=Method.MICRO)
+
+
+def test_gathering_in_several_goes_makes_the_same_maps(device, monkeypatch):
+    scene, selected = low_light_scene(), range(16, 20)
+    expected, counts = maps_of_all_faces(scene, device, selected, method=Method.MICRO)
+    monkeypatch.setattr(micro, "GROUPS_AT_ONCE", 7)
+    found, same_counts = maps_of_all_faces(scene, device, selected, method=Method.MICRO)
+    assert same_counts == counts and len(found) == len(expected)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("name", ["sphere", "leaves", "low light"])

@@ -20,15 +20,18 @@ import numpy as np
 
 from ...device.interface import LINEAR_TEXTURE_WIDTH, Texture, TextureFormat, split_integers, spread_out
 from ...device.owned import Owned
+from ..passes.scene_data import WORK_GROUP_SIZE
 from ..passes.shadow_maps import DepthMaps
 from ..passes.small_triangles import BLOCK_TEXELS, GATHER_TRIANGLES, KEEP_SEEN_TRIANGLES, ORDER_TRIANGLES, RASTERIZE_SMALL_TRIANGLES
-from ..steps import compiling
+from ..steps import compiling, run_steps
 from .base import FaceJob, ReplayMethod
 from .large_triangles import BYTES_PER_TRIANGLE, TEXELS_PER_TRIANGLE, LargeTriangles
 from .linear_store import LinearStore
 from .seen_space import seen_space_bindings
 
 FIRST_CAPACITY = 1 << 14
+GROUPS_AT_ONCE = (1 << 20) // WORK_GROUP_SIZE
+"""A software rasterizer gathers a million triangles in a fifth of a second, which is what a preview may take at a time."""
 SKIP_NONE, SKIP_FACING_AWAY, SKIP_FACING = -1, 0, 1
 """of RASTERIZE_SMALL_TRIANGLES"""
 
@@ -64,10 +67,14 @@ class MicroTriangleRasterization(ReplayMethod):
         yield from self._holding()
 
     def _making(self) -> Generator[None, None, None]:
-        yield from compiling(self.device, GATHER_TRIANGLES, *self.flags)
+        kernel = yield from compiling(self.device, GATHER_TRIANGLES, *self.flags)
         expected = max(min(self._expected_triangle_count, self.capacity_limit), FIRST_CAPACITY)
         self.triangles = LinearStore(self.device, TEXELS_PER_TRIANGLE * expected)
         self._is_held = True
+        if not self.device.has_run(kernel):
+            # software rasterizers translate it then, which takes as long as gathering a million triangles
+            yield from self._gathering(_Portion(0, 0))
+            yield
         yield from self._planning_portions()
         self.small_count = sum(portion.small_count for portion in self._portions)
         self.large_count = self.large.triangle_count
@@ -94,7 +101,7 @@ class MicroTriangleRasterization(ReplayMethod):
         pending = [_Portion(0, self.work.group_count)]
         while pending:
             portion = pending.pop()
-            small_count, large_count = self._gather_with_room(portion)
+            small_count, large_count = yield from self._gathering_with_room(portion)
             half = portion.group_count // 2
             if half and small_count + large_count > self.capacity_limit:
                 first = portion.first_group
@@ -106,33 +113,38 @@ class MicroTriangleRasterization(ReplayMethod):
             self._gathered = _Portion(portion.first_group, portion.group_count, small_count)
             self._portions.append(self._gathered)
 
-    def _gather_with_room(self, portion: _Portion) -> tuple[int, int]:
+    def _gathering_with_room(self, portion: _Portion) -> Generator[None, None, tuple[int, int]]:
         """Returns how many small and large triangles the portion has; more than `capacity_limit` are not all in the list."""
-        counts = self._gather(portion)
+        counts = yield from self._gathering(portion)
         if self._capacity < sum(counts) <= self.capacity_limit:
             self.triangles.reserve(TEXELS_PER_TRIANGLE * sum(counts))
-            counts = self._gather(portion)
+            counts = yield from self._gathering(portion)
         return counts
 
     @property
     def _capacity(self) -> int:
         return self.triangles.texel_count // TEXELS_PER_TRIANGLE
 
-    def _gather(self, portion: _Portion) -> tuple[int, int]:
+    def _gathering(self, portion: _Portion) -> Generator[None, None, tuple[int, int]]:
+        """Pauses where a portion is long. Returns how many small and large triangles it has."""
         kernel = self.device.compute_kernel(GATHER_TRIANGLES, *self.flags)
         self.device.fill(self.counters, 0)
-        kernel.dispatch_linear(
-            portion.group_count * kernel.declaration.local_size[0],
-            **self.scene_data.bindings,
-            **self.seen_space,
-            face=self.face_table,
-            work_table=self.work.texture,
-            first_group=portion.first_group,
-            group_count=portion.group_count,
-            counters=self.counters,
-            gathered_triangles=self.triangles.texture,
-            triangle_capacity=self._capacity,
-        )
+        end = portion.first_group + portion.group_count
+        for first_group in range(portion.first_group, max(end, 1), GROUPS_AT_ONCE):
+            if first_group > portion.first_group:
+                yield
+            kernel.dispatch_linear(
+                max(min(end - first_group, GROUPS_AT_ONCE), 1) * kernel.declaration.local_size[0],
+                **self.scene_data.bindings,
+                **self.seen_space,
+                face=self.face_table,
+                work_table=self.work.texture,
+                first_group=first_group,
+                group_count=min(end - first_group, GROUPS_AT_ONCE),
+                counters=self.counters,
+                gathered_triangles=self.triangles.texture,
+                triangle_capacity=self._capacity,
+            )
         small_count, large_count = (int(count) for count in self.device.read(self.counters)[0])
         return small_count, large_count
 
@@ -180,7 +192,7 @@ class MicroTriangleRasterization(ReplayMethod):
             if not portion.small_count:
                 continue
             if self._gathered is not portion:
-                self._gather(portion)
+                run_steps(self._gathering(portion))
                 self._gathered = portion
             yield portion
 

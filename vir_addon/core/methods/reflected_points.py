@@ -160,7 +160,10 @@ class ReflectedPoints:
     # the cloud
 
     def _planning_portions(self) -> Generator[None, None, list[_Portion]]:
-        yield from compiling(self.device, COLLECT_REFLECTED, *self.collect_flags)
+        kernel = yield from compiling(self.device, COLLECT_REFLECTED, *self.collect_flags)
+        if not self.device.has_run(kernel):
+            # software rasterizers translate it then, which takes as long as the rest
+            self._collect(_Portion(0, 0))
         pending, portions = [_Portion(0, self.work.group_count)], []
         while pending:
             yield
@@ -186,7 +189,7 @@ class ReflectedPoints:
         """Returns how many triangles and points the portion has; the cloud holds them if it has room for them."""
         self.device.fill(self.counters, 0)
         self.device.compute_kernel(COLLECT_REFLECTED, *self.collect_flags).dispatch_linear(
-            portion.group_count * WORK_GROUP_SIZE,
+            max(portion.group_count, 1) * WORK_GROUP_SIZE,
             **self.scene_data.bindings,
             work_table=self.work.texture,
             first_group=portion.first_group,
