@@ -10,6 +10,7 @@ bpy = pytest.importorskip("bpy")
 
 from vir_addon import blender  # noqa: E402  (bpy decides whether this file runs)
 from vir_addon.blender import devices, frame_state  # noqa: E402
+from vir_addon.blender.extract import mesh_cache  # noqa: E402
 from vir_addon.blender.preview import running  # noqa: E402
 from vir_addon.core.errors import UsageError  # noqa: E402
 
@@ -274,6 +275,20 @@ def test_it_says_that_the_scene_is_read_and_shows_what_was_before(scene, viewpor
     assert len(viewport.pictures) == drawn + 1
     tick_until_idle()
     viewport.draw()
+    assert "8 of 8 views" in viewport.texts[-1]
+
+
+def test_it_says_which_large_mesh_it_is_about_to_read(scene, viewport, monkeypatch):
+    """Before it begins: nothing is drawn while it does."""
+    monkeypatch.setattr(mesh_cache, "LARGE_MESH_CORNERS", 20)  # the cube has 24
+    scene.vir.use_preview, scene.vir.preview_slice_ms = True, 2000
+    viewport.draw()
+    said = []
+    while tick() != running.IDLE_S:
+        (shown,) = running._running.viewports.values()
+        said.append((shown.said, shown.preview.cache.read_count))
+        viewport.draw()
+    assert ("VIR: reading Cube", 1) in said and {count for _, count in said} == {1, 2}
     assert "8 of 8 views" in viewport.texts[-1]
 
 

@@ -266,7 +266,7 @@ class SurfaceRows:
             return self._read(shown, materials, layers, uids)
         data = shown.data
         key = (data.as_pointer(), len(data.vertices), len(data.polygons), len(data.loops), materials, layers, shown.mode == "EDIT", uids)
-        read = self.cache.find(key)
+        read = self.cache.find(key, self.objects.rows[object_row].name, len(data.loops))
         if read is None:
             read = self._read(shown, materials, layers, uids)
             self.cache.keep(key, read)

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from ...core.scene import LeftOut
     from ...core.steps import HostWork
 
+LARGE_MESH_CORNERS = 1 << 20
+"""A mesh of so many is read in a twentieth of a second or more, by calls that cannot be left half done: who waits is told before."""
+
 _SURFACE_TYPES = (bpy.types.Material, bpy.types.World, bpy.types.NodeTree, bpy.types.Image, bpy.types.Texture)
 
 
@@ -79,6 +82,9 @@ class MeshCache:
         self._has_read = False
         self.read_count = 0
         """meshes read since this was made"""
+        self.large_name = ""
+        """of the large mesh's object that is read next, if one is"""
+        self._large_key: Hashable | None = None
 
     def note_updates(self, depsgraph: bpy.types.Depsgraph) -> None:
         """From a handler that is told of an evaluation."""
@@ -122,10 +128,13 @@ class MeshCache:
         self._meshes = {key: read for key, read in self._meshes.items() if key in kept}
         self._used = keys
 
-    def find(self, key: Hashable) -> ReadMesh | None:
-        """OutOfTimeError if there is nothing and no time to read it."""
+    def find(self, key: Hashable, name: str, corner_count: int) -> ReadMesh | None:
+        """OutOfTimeError if there is nothing and no time to read it, or it is large and has not been told of. name: of the object"""
         read = self._meshes.get(key)
         if read is None:
+            if corner_count >= LARGE_MESH_CORNERS and self._large_key != key:
+                self._large_key, self.large_name = key, name
+                raise OutOfTimeError
             self._begin_reading()
         return read
 
@@ -136,6 +145,7 @@ class MeshCache:
 
     def keep(self, key: Hashable, read: ReadMesh) -> None:
         self.read_count += 1
+        self._large_key, self.large_name = None, ""
         self._meshes[key] = read
 
     def material_readers(self, engine: str, override: bpy.types.Material | None) -> MaterialReaders:

@@ -44,7 +44,7 @@ LONGEST_REDRAW_S = 0.3
 HIDDEN_PAUSE = 10.0
 """times as long as asking what a viewport hides took, until it is asked again while somebody navigates"""
 
-READING, PREPARING = "VIR: reading the scene", "VIR: preparing"
+READING, PREPARING = "VIR: reading", "VIR: preparing"
 
 LayerKey = tuple[int, str]
 """session_uid of a scene, name of a view layer"""
@@ -285,7 +285,8 @@ def status_text(shown: Shown) -> str:
         return f"VIR: {shown.problem}"
     if shown.preview is None or shown.is_reading:
         is_old = shown.preview is not None and shown.preview.picture is not None
-        return f"{READING}{', the picture is of before' if is_old else ''}"
+        what = (shown.preview.cache.large_name if shown.preview is not None else "") or "the scene"
+        return f"{READING} {what}{', the picture is of before' if is_old else ''}"
     standing = shown.preview.render.standing
     if not standing.views_total:
         if shown.preview.is_done:
