@@ -16,7 +16,7 @@ import bmesh  # noqa: E402  (bpy decides whether this file runs)
 from vir_addon import blender  # noqa: E402
 from vir_addon.blender import devices, frame_state, job, operators, panels, report_file  # noqa: E402
 from vir_addon.blender.images import scene_images  # noqa: E402
-from vir_addon.blender.object_names import named_object  # noqa: E402
+from vir_addon.blender.object_names import named_object, write_names  # noqa: E402
 from vir_addon.blender.properties import settings_of, stored_values  # noqa: E402
 from vir_addon.blender.stepped_render import SteppedRender  # noqa: E402
 from vir_addon.core.errors import DeviceError, SceneError  # noqa: E402
@@ -328,6 +328,42 @@ def test_asking_for_nothing_is_said(room):
     assert "effect" in frame_state.state_of(room).problem
 
 
+def test_what_is_mended_is_said_no_more(room):
+    """Not before another plan or render: by what it was refused for."""
+    scene, state = room, frame_state.state_of(room)
+    mends = {
+        "effect": (lambda: setattr(scene.vir, "use_soft_shadows", False), lambda: setattr(scene.vir, "use_soft_shadows", True)),
+        "panoramic": (lambda: setattr(scene.camera.data, "type", "PANO"), lambda: setattr(scene.camera.data, "type", "PERSP")),
+        "too small": (
+            lambda: setattr(scene.render, "resolution_percentage", 1),
+            lambda: setattr(scene.render, "resolution_percentage", 100),
+        ),
+        "light": (lambda: hide_lights(True), lambda: hide_lights(False)),
+    }
+
+    def hide_lights(is_hidden):
+        for item in scene.objects:
+            item.hide_render = is_hidden if item.type == "LIGHT" else item.hide_render
+
+    scene.vir.use_omni_shadows = False
+    for text, (spoil, mend) in mends.items():
+        spoil()
+        refuse(bpy.ops.vir.render, text)
+        scene.objects["Lamp"].select_set(True)
+        scene.vir.active_light = "Lamp"
+        assert [one for one in panels._problems(scene, state) if text in one], "nothing of it has changed"
+        mend()
+        assert panels._problems(scene, state) == []
+    # what nobody can see the end of stays until something is rendered
+    frame_state.note_problem(scene, RuntimeError("broken"), operators.mendable_by(scene))
+    scene.render.resolution_percentage = 50
+    assert "broken" in panels._problems(scene, state)[0]
+    frame_state.note_problem(scene, DeviceError("lost"))
+    assert panels._problems(scene, state) == ["lost"]
+    bpy.ops.vir.plan()
+    assert panels._problems(scene, state) == []
+
+
 def test_nothing_to_add_and_nothing_to_report_yet(room):
     refuse(bpy.ops.vir.add_to_compositor, "poll|passes yet")
     refuse(bpy.ops.vir.open_report, "poll|rendered")
@@ -468,6 +504,30 @@ def test_copies_of_scenes_that_mean_two_objects_by_one_name(room, property_name,
     assert named_object(copies[0].vir, property_name) == bpy.data.objects["Lamp"]
     for scene in (*scenes, *copies):
         bpy.data.scenes.remove(scene)
+
+
+@pytest.mark.parametrize("property_name", ["active_light", "active_reflector", "preview_light"])
+def test_a_full_copy_of_a_scene_means_the_copy_of_what_the_scene_means(room, property_name):
+    """Whose name is another one; also where the object was renamed before, and where the scene is gone that was copied."""
+    key = bpy.data.objects["Key"]
+    setattr(room.vir, property_name, "Key")
+    for name in ("Key", "Main"):
+        key.name = name
+        with bpy.context.temp_override(scene=room):
+            bpy.ops.scene.new(type="FULL_COPY")
+        copy = bpy.context.window.scene
+        bpy.context.window.scene = room
+        meant = named_object(copy.vir, property_name)
+        assert copy is not room and meant.name == f"{name}.001" and meant.name in copy.objects
+        # one that is copied within the scene is not meant, nor is any once what was meant is gone
+        copy.collection.objects.link(meant.copy())
+        assert named_object(copy.vir, property_name) == meant
+        write_names([copy.vir], [property_name])
+        assert getattr(copy.vir, property_name) == meant.name
+        bpy.data.objects.remove(meant)
+        assert named_object(copy.vir, property_name) is None
+        bpy.data.scenes.remove(copy)
+    assert named_object(room.vir, property_name) == key
 
 
 def test_undo_brings_back_which_object_a_name_meant(room):

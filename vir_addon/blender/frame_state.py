@@ -38,6 +38,8 @@ class SceneState:
     frame: int = 0
     problem: str = ""
     """what the user has to mend, in words; empty after a render that went well"""
+    problem_while: object = None
+    """what the user can mend it by, as it was then; None: it stays until there is a plan or a render"""
     running: SteppedRender | None = None
 
     def name_of(self, item: bpy.types.Object) -> str:
@@ -160,10 +162,12 @@ def _note_time(jobs: Mapping[str, LayerJob], layers: Mapping[str, PassSet], rend
         _time_factors[device] = render_s * 1e3 / predicted_ms
 
 
-def note_problem(scene: bpy.types.Scene, error: BaseException) -> str:
-    """Remember and return what to tell the user."""
-    text = str(error) if isinstance(error, VirError) else f"internal error, see the console: {type(error).__name__}: {error}"
-    state_of(scene).problem = text
+def note_problem(scene: bpy.types.Scene, error: BaseException, problem_while: object = None) -> str:
+    """Remember and return what to tell the user. problem_while: as of `SceneState`, for errors that a user can mend"""
+    is_mendable = isinstance(error, VirError)
+    text = str(error) if is_mendable else f"internal error, see the console: {type(error).__name__}: {error}"
+    state = state_of(scene)
+    state.problem, state.problem_while = text, problem_while if is_mendable else None
     return text
 
 

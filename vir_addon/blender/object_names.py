@@ -1,9 +1,9 @@
 """Objects that a scene's settings name: found again under another name, as an object that is renamed stays the one that was meant.
 
 Files have names, which is what appending, linking and scripts understand; a pointer would keep a deleted object alive. So beside a name
-stands which object of this session it means: copies of scenes and undo take it along, and to other sessions it says nothing. Copies of
-objects are others: a full copy of a scene means what has the name there. A name that no object of the scene has when it is set means
-whichever has it when it is asked for, until the file is saved.
+stands which object of this session it means: copies of scenes and undo take it along, and to other sessions it says nothing. A full
+copy of a scene has copies of its objects, under other names: objects that were meant know it, and so do their copies. A name that no
+object of the scene has when it is set means whichever has it when it is asked for, until the file is saved.
 """
 
 from __future__ import annotations
@@ -20,21 +20,31 @@ _SESSION = secrets.token_hex(8)
 """no other has the same: a session_uid means another object there"""
 
 
-def _mark(found: bpy.types.Object | None, name: str) -> str:
+def _mark(scene: bpy.types.Scene, found: bpy.types.Object | None, name: str) -> str:
     """The name as well: it may be changed without a call."""
-    return "" if found is None else f"{_SESSION} {found.session_uid} {name}"
+    return "" if found is None else f"{_SESSION} {scene.session_uid} {found.session_uid} {name}"
+
+
+def _own_mark(uid: int) -> str:
+    """Of an object that was meant, in `Object.vir.meant`."""
+    return f"{_SESSION} {uid}"
 
 
 def named_object(group: bpy.types.PropertyGroup, property_name: str) -> bpy.types.Object | None:
     """The object that a property of a scene's settings names; None: none of the scene's."""
     objects, name = group.id_data.objects, getattr(group, property_name)
     found, mark = objects.get(name), getattr(group, MEANT.format(property_name))
-    session, _, uid_and_name = mark.partition(" ")
-    uid, _, marked_name = uid_and_name.partition(" ")
-    if session != _SESSION or marked_name != name or (found is not None and found.session_uid == int(uid)):
+    if not mark.startswith(f"{_SESSION} "):
         return found
+    scene_uid, uid, marked_name = mark.removeprefix(f"{_SESSION} ").split(" ", 2)
+    if marked_name != name or (found is not None and found.session_uid == int(uid)):
+        return found
+    meant = next((item for item in objects if item.session_uid == int(uid)), None)
+    if meant is None and int(scene_uid) != group.id_data.session_uid:
+        # set in a scene that this one is a copy of
+        meant = next((item for item in objects if item.vir.meant == _own_mark(int(uid))), None)
     # where it is gone, the one that has its name now
-    return next((item for item in objects if item.session_uid == int(uid)), found)
+    return found if meant is None else meant
 
 
 def shown_name(group: bpy.types.PropertyGroup, property_name: str) -> str:
@@ -46,7 +56,10 @@ def shown_name(group: bpy.types.PropertyGroup, property_name: str) -> str:
 def mean_anew(group: bpy.types.PropertyGroup, property_name: str) -> None:
     """Have a property mean the object that has the name in it now, whatever it meant: for the property's update callback."""
     name = getattr(group, property_name)
-    setattr(group, MEANT.format(property_name), _mark(group.id_data.objects.get(name), name))
+    found = group.id_data.objects.get(name)
+    setattr(group, MEANT.format(property_name), _mark(group.id_data, found, name))
+    if found is not None and found.library is None:
+        found.vir.meant = _own_mark(found.session_uid)
 
 
 def write_names(groups: Sequence[bpy.types.PropertyGroup], property_names: Sequence[str]) -> None:
@@ -60,4 +73,5 @@ def write_names(groups: Sequence[bpy.types.PropertyGroup], property_names: Seque
 
 
 def _is_to_write(group: bpy.types.PropertyGroup, property_name: str, found: bpy.types.Object) -> bool:
-    return getattr(group, MEANT.format(property_name)) != _mark(found, found.name) or getattr(group, property_name) != found.name
+    mark = _mark(group.id_data, found, found.name)
+    return getattr(group, MEANT.format(property_name)) != mark or getattr(group, property_name) != found.name

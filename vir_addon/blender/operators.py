@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ..core.errors import SceneError, VirError
+from ..core.errors import SceneError, UsageError, VirError
 from ..core.plan import settings_for
 from . import devices, frame_state, report_file
 from .compositor import add_pass_nodes, has_pass_nodes
@@ -57,6 +57,23 @@ def reason_against_rendering(context: bpy.types.Context) -> str | None:
     return None
 
 
+def mendable_by(scene: bpy.types.Scene) -> tuple[object, ...]:
+    """What plans and renders were refused for, as far as it is cheap to look at: once any of it is another, so may be their answer."""
+    camera, render = scene.camera, scene.render
+    seen_by = () if camera is None else (camera.session_uid, camera.type, *(tuple(row) for row in camera.matrix_world))
+    if camera is not None and camera.type == "CAMERA":
+        lens = camera.data
+        seen_by += (lens.session_uid, lens.type, lens.lens, lens.sensor_width, lens.sensor_height, lens.ortho_scale)
+    border = (render.border_min_x, render.border_min_y, render.border_max_x, render.border_max_y) if render.use_border else ()
+    size = render.resolution_x, render.resolution_y, render.resolution_percentage, render.use_crop_to_border
+    objects = tuple((item.session_uid, item.hide_render) for item in scene.objects)
+    try:
+        settings: object = settings_of(scene)
+    except UsageError as error:
+        settings = str(error)
+    return seen_by, size, border, objects, scene.vir.device, settings
+
+
 def redraw_panels(context: bpy.types.Context) -> None:
     """Not the 3D view itself, which may take long."""
     for window in context.window_manager.windows:
@@ -81,7 +98,7 @@ class _Reporting:
     def tell(self: Any, scene: bpy.types.Scene, error: BaseException) -> set[str]:
         if not isinstance(error, VirError):
             traceback.print_exception(error)
-        self.report({"ERROR"}, f"VIR: {frame_state.note_problem(scene, error)}")
+        self.report({"ERROR"}, f"VIR: {frame_state.note_problem(scene, error, mendable_by(scene))}")
         return {"CANCELLED"}
 
 

@@ -14,7 +14,7 @@ from .frame_hook import reasons_against_frames
 from .frame_state import SceneState, decision_text, state_of
 from .job import SURFACE_TYPES
 from .object_names import named_object
-from .operators import reason_against_rendering
+from .operators import mendable_by, reason_against_rendering
 from .presets import VIR_PT_presets, matching_preset
 from .properties import is_newer, reflector_mark, settings_of
 
@@ -148,7 +148,8 @@ def _draw_buttons(layout: Any, context: Any, state: SceneState) -> None:
 
 
 def _problems(scene: Any, state: SceneState) -> list[str]:
-    problems = [state.problem] if state.problem else []
+    stands = state.problem and (state.problem_while is None or state.problem_while == mendable_by(scene))
+    problems = [state.problem] if stands else []
     try:
         settings_of(scene)
     except UsageError as error:

@@ -490,6 +490,9 @@ class VIR_ObjectSettings(bpy.types.PropertyGroup):
         get=_get_reflector,
         set=_set_reflector,
     )
+    meant: bpy.props.StringProperty(
+        name="Meant", description="How settings of scenes that name this object find it, and their copies its copy", options={"HIDDEN"}
+    )
 
 
 CLASSES = (VIR_SceneSettings, VIR_LightSettings, VIR_ObjectSettings)
