@@ -322,6 +322,18 @@ def test_no_surface(room, left):
     assert not scene_images(room.name)
 
 
+def test_a_render_of_nothing_does_not_tell_how_long_others_take(room):
+    """All that is in the picture, and in the way of light, is hidden: less is predicted than it takes to find that out."""
+    assert bpy.ops.vir.render() == {"FINISHED"}
+    before = frame_state.time_factor()
+    for item in room.objects:
+        item.hide_render = item.type == "MESH"
+    bpy.ops.mesh.primitive_plane_add(location=(0.0, -100.0, 0.0))  # behind the camera
+    assert bpy.ops.vir.render() == {"FINISHED"}
+    assert not any(one.view_count for one in frame_state.state_of(room).statistics["ViewLayer"].passes)
+    assert frame_state.time_factor() == before
+
+
 def test_asking_for_nothing_is_said(room):
     room.vir.use_soft_shadows = room.vir.use_omni_shadows = False
     refuse(bpy.ops.vir.render, "effect")

@@ -156,10 +156,16 @@ def note_layer(scene: bpy.types.Scene, job: LayerJob, passes: PassSet, render_s:
 
 def _note_time(jobs: Mapping[str, LayerJob], layers: Mapping[str, PassSet], render_s: float) -> None:
     predicted_ms = sum(job.plan.predicted_ms for job in jobs.values())
-    if predicted_ms > 0:
+    # where nothing is rendered next to nothing is predicted, and what took the time says nothing of other renders
+    if predicted_ms > 0 and any(_has_work(passes.statistics) for passes in layers.values()):
         device = next(iter(layers.values())).statistics.device.partition(":")[0]
         _time_factors.pop(device, None)  # the last one in the table is the last one used
         _time_factors[device] = render_s * 1e3 / predicted_ms
+
+
+def _has_work(statistics: SetStatistics) -> bool:
+    has_rays = statistics.reflections is not None and statistics.reflections.ray_count > 0
+    return has_rays or any(one.view_count for one in statistics.passes)
 
 
 def note_problem(scene: bpy.types.Scene, error: BaseException, problem_while: object = None) -> str:
