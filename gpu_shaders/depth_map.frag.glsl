@@ -18,4 +18,6 @@ void main() {
 #ifdef MIXED_MAPS
     depth_bits &= ~1u;
 #endif
+    // what is nearer by the last bit wins, in whatever order it comes; a power of two leaves the bits alone
+    gl_FragDepth = uintBitsToFloat(depth_bits) * 5.421010862427522e-20;
 }

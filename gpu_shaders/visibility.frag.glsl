@@ -1,3 +1,4 @@
+#include "lib/order_depth.glsl"
 #ifdef CUT_OUT
 #include "lib/opacity.glsl"
 
@@ -21,6 +22,7 @@ void main() {
         discard;
     }
 #endif
+    gl_FragDepth = order_depth(is_orthographic != 0, tie_breaker);
     // 0 is left for the background
     visible = uvec2(uint(instance_id) + 1u, uint(first_triangle + gl_PrimitiveID));
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +77,14 @@ NUMBER_TRIANGLES = RasterDeclaration(
     varyings={"instance_number": Varying("int", "flat", "-")},
     output_name="number",
     output_type="uint",
+)
+
+NUMBER_BY_DEPTH = replace(
+    NUMBER_TRIANGLES,
+    name="test_number_by_depth",
+    text="the same; what has the lowest instance number is nearest",
+    fragment_source=str(SHADERS / "number_by_depth.frag.glsl"),
+    writes_depth=True,
 )
 COLUMNS = GeometryDeclaration(
     name="test_columns",

@@ -13,7 +13,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tests.device.kernels import ADD_COUNTS, ATOMIC_MIN, COLUMNS, COPY_FLOATS, ECHO, INVOCATION_NUMBERS, NUMBER_TRIANGLES, REFUSED
+from tests.device.kernels import (
+    ADD_COUNTS,
+    ATOMIC_MIN,
+    COLUMNS,
+    COPY_FLOATS,
+    ECHO,
+    INVOCATION_NUMBERS,
+    NUMBER_BY_DEPTH,
+    NUMBER_TRIANGLES,
+    REFUSED,
+)
 from vir_addon.core.errors import DeviceError, UsageError
 from vir_addon.device import open as device_opening
 from vir_addon.device.interface import EMPTY_DEPTH_BITS, LINEAR_TEXTURE_WIDTH, MAX_GROUPS_PER_ROW, Draw, TextureFormat
@@ -266,6 +276,20 @@ def test_the_nearest_triangle_is_seen_in_any_order(device, canvas, order):
 def test_equal_depth_does_not_replace(device, canvas):
     both = mesh(device, COUNTER_CLOCKWISE, [[0, 1, 2], [0, 1, 2]])
     assert canvas([Draw(both, 1, {"first_instance": 0})])[0, 0] == 1
+
+
+def test_fragments_may_say_their_depth_to_the_last_bit(device):
+    color = device.create_texture(16, 16, TextureFormat.R32UI)
+    depth = device.create_texture(16, 16, TextureFormat.DEPTH32F)
+    target = device.create_target(color, depth)
+    everywhere = mesh(device, TWO_DEPTHS[3:])
+    for order in ([3, 1, 0, 2], [0, 1, 2, 3]):
+        device.fill(depth, 0)
+        draws = [Draw(everywhere, 1, {"first_instance": instance}) for instance in order]
+        device.raster_kernel(NUMBER_BY_DEPTH).draw(target, (0, 0, 16, 16), draws, clip_from_object=IDENTITY, offsets=np.zeros((4, 4)))
+        np.testing.assert_array_equal(device.read(color), np.full((16, 16), 1))
+    for thing in (target, color, depth):
+        thing.release()
 
 
 def test_viewport(device, canvas):

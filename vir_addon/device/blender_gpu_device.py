@@ -201,6 +201,8 @@ class BlenderRasterKernel(RasterKernel):
                 getattr(stages, varying.interpolation)(varying.glsl_type.upper(), name)
             info.vertex_out(stages)
         info.fragment_out(0, declaration.output_type.upper(), declaration.output_name)
+        if declaration.writes_depth:
+            info.depth_write("ANY")
         info.vertex_source(vertex)
         info.fragment_source(fragment)
         stages = {"VertShader": (declaration.vertex_source, vertex), "FragShader": (declaration.fragment_source, fragment)}

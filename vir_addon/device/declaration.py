@@ -135,6 +135,8 @@ class RasterDeclaration(KernelDeclaration):
     """'uint', 'uvec2' or 'uvec4': the one colour attachment"""
     has_depth_test: bool = True
     """False: every fragment counts, in front or not"""
+    writes_depth: bool = False
+    """the fragment shader writes gl_FragDepth"""
 
 
 @dataclass(frozen=True, kw_only=True)

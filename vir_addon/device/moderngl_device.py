@@ -36,6 +36,10 @@ from .texture_pool import TexturePool
 
 MINIMUM_OPENGL = 430
 GL_COLOR = 0x1800
+GL_TEXTURE_2D = 0x0DE1
+GL_DEPTH_COMPONENT = 0x1902
+GL_DEPTH_COMPONENT32F = 0x8CAC
+GL_FLOAT = 0x1406
 GL_MAX_GEOMETRY_IMAGE_UNIFORMS = 0x90CD
 GL_MAX_COMPUTE_IMAGE_UNIFORMS = 0x91BD
 GEOMETRY_IMAGES = 2
@@ -61,6 +65,7 @@ class ModernglTexture(Texture):
                 self.handle.write(texels)
         elif texture_format is TextureFormat.DEPTH32F:
             self.handle = context.depth_texture((width, height))
+            device.give_float_depth(self.handle.glo, width, height)
         else:
             self.handle = context.texture(
                 (width, height), texture_format.channel_count, texels, dtype="u4" if texture_format.is_unsigned else "f4"
@@ -284,6 +289,10 @@ class ModernglDevice(Device):
         # moderngl clears with float colours only, which is undefined for unsigned textures; drawing or writing takes 4 to 7 times longer
         clear = ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_uint))
         self._clear_unsigned = clear(native.load("glClearBufferuiv"))
+        bind = ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.c_uint)
+        self._bind_texture = bind(native.load("glBindTexture"))
+        specify = ctypes.CFUNCTYPE(None, ctypes.c_uint, *[ctypes.c_int] * 5, ctypes.c_uint, ctypes.c_uint, ctypes.c_void_p)
+        self._specify_texture = specify(native.load("glTexImage2D"))
         # moderngl keeps Python's lock while it waits, and so Blender's interface from drawing; ctypes lets it go
         self._wait = ctypes.CFUNCTYPE(None)(native.load("glFinish"))
         flush = ctypes.CFUNCTYPE(None)(native.load("glFlush"))
@@ -330,6 +339,11 @@ class ModernglDevice(Device):
 
     def create_target(self, color: Texture, depth: Texture) -> RenderTarget:
         return self.run(ModernglTarget, self, color, depth)
+
+    def give_float_depth(self, texture: int, width: int, height: int) -> None:
+        """To a depth texture, by its number: moderngl makes those of 24 bits, fixed point. On the device's thread."""
+        self._bind_texture(GL_TEXTURE_2D, texture)
+        self._specify_texture(GL_TEXTURE_2D, 0, GL_DEPTH_COMPONENT32F, width, height, 0, GL_DEPTH_COMPONENT, GL_FLOAT, None)
 
     def fill(self, texture: Texture, value: int) -> None:
         self.run(self._fill, texture, value)

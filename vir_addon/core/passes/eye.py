@@ -40,10 +40,15 @@ VISIBILITY = RasterDeclaration(
         "clip_from_world": Constant("mat4", "of the camera, shifted by the sub-pixel offset"),
         "first_instance": Constant("int", "instance number of the draw's first instance"),
         "first_triangle": Constant("int", "number of the draw's first triangle in its mesh"),
+        "is_orthographic": Constant("int", "1: seen along one direction"),
     },
-    varyings={"instance_id": Varying("int", "flat", "instance number")},
+    varyings={
+        "instance_id": Varying("int", "flat", "instance number"),
+        "tie_breaker": Varying("int", "flat", "3 bits of where one of the triangle's corners is in its mesh"),
+    },
     output_name="visible",
     output_type="uvec2",
+    writes_depth=True,
     defines=SCENE_DEFINES,
 )
 
@@ -260,7 +265,12 @@ class EyePass(Shared):
         self.device.fill(self.depth, 0)
         viewport = (0, 0, *self._visibility_size)
         clip_from_world = scale @ projection @ np.linalg.inv(self.camera.world_from_view)
-        bindings = {"clip_from_world": clip_from_world, "instances": self.scene_data.instances, "first_triangle": 0}
+        bindings = {
+            "clip_from_world": clip_from_world,
+            "instances": self.scene_data.instances,
+            "first_triangle": 0,
+            "is_orthographic": int(self.camera.is_orthographic),
+        }
         for number, draws in enumerate(self.portions):
             if number:
                 yield

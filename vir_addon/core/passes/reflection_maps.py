@@ -264,7 +264,12 @@ class ReflectionMaps:
         inside = instances_in_face(drawn, face, self.corners_ws)
         cut_out = self.scene_data.cut_out[inside]
         viewport = (0, face * drawn.height_px, drawn.width_px, drawn.height_px)
-        bindings = {"clip_from_world": drawn.clip_from_world(face), "instances": self.scene_data.instances, "first_triangle": 0}
+        bindings = {
+            "clip_from_world": drawn.clip_from_world(face),
+            "instances": self.scene_data.instances,
+            "first_triangle": 0,
+            "is_orthographic": 0,
+        }
         if not only_cut_outs:
             self.device.raster_kernel(VISIBILITY).draw(target, viewport, self.scene_data.draws(inside[~cut_out]), **bindings)
         if self.scene_data.opacity_maps is not None:

@@ -57,6 +57,7 @@ RASTERIZE_DEPTH = RasterDeclaration(
     tables={"face": FACE_TABLE, "views": VIEWS_TABLE},
     output_name="depth_bits",
     output_type="uint",
+    writes_depth=True,
     flags={**ORTHOGRAPHIC_FLAG, **MIXED_MAPS_FLAG, "PLACED": "the vertices are in face space already"},
     defines=SCENE_DEFINES,
 )
