@@ -2,10 +2,11 @@
 
 import pytest
 
-from tests.scenes import area_light, box, floor, perspective_camera, snapshot
+from tests.scenes import area_light, box, bumpy_sphere, floor, perspective_camera, point_light, snapshot
+from vir_addon.core import plan as planning
 from vir_addon.core.forecast import make_forecast, predict_error
-from vir_addon.core.plan import plan
-from vir_addon.core.quality import map_resolution_of_views
+from vir_addon.core.plan import LikelyFaces, plan
+from vir_addon.core.quality import MAP_RESOLUTIONS_PX, map_resolution_of_views
 from vir_addon.core.settings import Settings
 
 
@@ -29,6 +30,43 @@ def test_elsewhere_it_is_near_a_plan_of_its_own(scene):
     for resolution_px in (512, 1024, 2048):
         times = [forecast.compute_ms(count, resolution_px) for count in range(1, 1024, 20)]
         assert times == sorted(times) and times[0] > 0
+
+
+@pytest.fixture(scope="module")
+def lamps():
+    """A picture and surfaces that take long however few views there are."""
+    lights = [point_light(f"lamp {k}", (0.5 * (k % 6) - 1.25, 0.5 * (k // 6) - 1.0, 2.0), 0.1) for k in range(6)]
+    meshes = [floor(4.0), *(box(f"box {k}", (0.6 * k - 1.5, 0.4 * k - 1, 0.3), (0.2, 0.2, 0.3)) for k in range(6))]
+    camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), 960, 540)
+    return snapshot([*meshes, bumpy_sphere("ball", (0, 0, 1.2), 0.6, 200)], lights, camera, 960, 540)
+
+
+def test_what_every_picture_takes_counts_once(lamps):
+    forecast = make_forecast(lamps, plan(lamps, Settings()))
+    for count in (16, 24, 31, 32, 48, 65, 96, 127, 128, 192, 256, 1024):
+        settings = Settings(view_count=count, map_resolution_px=map_resolution_of_views(count))
+        assert forecast.compute_ms(count, settings.map_resolution_px) == pytest.approx(plan(lamps, settings).predicted_ms, rel=0.12)
+
+
+def test_faces_are_fitted_once_for_every_map_resolution(lamps, monkeypatch):
+    planned = plan(lamps, Settings())
+    fitted = []
+
+    def noting(snapshot, light, *rest):
+        fitted.append(light.name)
+        return fit_light(snapshot, light, *rest)
+
+    fit_light = planning.fit_light
+    monkeypatch.setattr(planning, "fit_light", noting)
+    make_forecast(lamps, planned)
+    assert len(fitted) == len(lamps.lights) * len(MAP_RESOLUTIONS_PX)
+
+
+def test_shared_faces_do_not_change_plans(lamps):
+    shared: LikelyFaces = {}
+    for count, resolution_px in ((8, 512), (64, 1024), (128, 1024)):
+        settings = Settings(view_count=count, map_resolution_px=resolution_px)
+        assert plan(lamps, settings, likely_faces=shared).passes == plan(lamps, settings).passes
 
 
 def test_more_views_mean_less_error():

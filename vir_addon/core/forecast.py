@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from .plan import RenderPlan, plan
-from .quality import FEWEST_VIEWS, MAP_RESOLUTIONS_PX, MOST_VIEWS
+import numpy as np
+
+from .plan import MANY_VIEWS, LikelyFaces, RenderPlan, plan
+from .quality import FEWEST_VIEWS, MAP_RESOLUTION_OF_VIEWS, MAP_RESOLUTIONS_PX, MOST_VIEWS
 from .scene import SceneSnapshot
 
-VIEW_COUNTS = (FEWEST_VIEWS, MOST_VIEWS)
-"""what is planned for each map resolution; the plan's model is nearly linear between them"""
+VIEW_COUNTS = tuple(sorted({FEWEST_VIEWS, *(below for below, _ in MAP_RESOLUTION_OF_VIEWS), MANY_VIEWS - 1, MANY_VIEWS, MOST_VIEWS}))
+"""What is planned for each map resolution. Between them the plan's model is nearly linear: it leaps where eye samples become more."""
 
 ERROR_EXPONENT = 0.4
 """Estimated errors fall with the views to the power of -0.4: measured in one scene, the still life, between 8 and 128 views, most of whose
@@ -21,7 +23,7 @@ pixels are in penumbrae or at edges. Smooth penumbrae alone may fall faster."""
 class Forecast:
     """Of one picture, by the plan's model."""
 
-    steps_ms: dict[int, tuple[float, float]]
+    steps_ms: dict[int, tuple[float, ...]]
     """map resolution -> milliseconds of renders with VIEW_COUNTS"""
     planned_ms: float
     """of the settings that were planned"""
@@ -32,18 +34,22 @@ class Forecast:
         """What the plan said where nothing has changed since; otherwise by the nearest map resolution."""
         if (view_count, map_resolution_px) == self.planned_for:
             return self.planned_ms
-        nearest_px = min(self.steps_ms, key=lambda px: abs(math.log(px / map_resolution_px)))
-        (few, many), (few_ms, many_ms) = VIEW_COUNTS, self.steps_ms[nearest_px]
-        return max(few_ms + (many_ms - few_ms) * (view_count - few) / (many - few), few_ms / few * view_count)
+        steps_ms = self.steps_ms[min(self.steps_ms, key=lambda px: abs(math.log(px / map_resolution_px)))]
+        # of fewer views only so much is known: scene and picture take as long
+        within_ms = float(np.interp(view_count, VIEW_COUNTS, steps_ms))
+        view_ms = (steps_ms[-1] - steps_ms[-2]) / (VIEW_COUNTS[-1] - VIEW_COUNTS[-2])
+        return within_ms + view_ms * max(view_count - VIEW_COUNTS[-1], 0)
 
 
 def make_forecast(snapshot: SceneSnapshot, planned: RenderPlan) -> Forecast:
-    """Plans the picture a few times more; the snapshot is not needed afterwards."""
-    steps_ms = {}
-    for resolution_px in MAP_RESOLUTIONS_PX:
-        settings = [replace(planned.settings, view_count=count, map_resolution_px=resolution_px) for count in VIEW_COUNTS]
-        few_ms, many_ms = (plan(snapshot, one).predicted_ms for one in settings)
-        steps_ms[resolution_px] = (few_ms, many_ms)
+    """Plans the picture some times more; the snapshot is not needed afterwards."""
+    likely_faces: LikelyFaces = {}
+
+    def predicted_ms(view_count: int, map_resolution_px: int) -> float:
+        settings = replace(planned.settings, view_count=view_count, map_resolution_px=map_resolution_px)
+        return plan(snapshot, settings, likely_faces=likely_faces).predicted_ms
+
+    steps_ms = {px: tuple(predicted_ms(count, px) for count in VIEW_COUNTS) for px in MAP_RESOLUTIONS_PX}
     return Forecast(steps_ms, planned.predicted_ms, (planned.settings.view_count, planned.settings.map_resolution_px))
 
 

@@ -129,8 +129,19 @@ class RenderPlan:
         return own == others
 
 
-def plan(snapshot: SceneSnapshot, settings: Settings, before: tuple[SceneSnapshot, RenderPlan] | None = None) -> RenderPlan:
+LikelyFaces = dict[tuple[bool, str, int], tuple[list[cost.LikelyFace], int]]
+"""whether it lights reflections, a light's name, map resolution -> as of `_likely_faces`"""
+
+
+def plan(
+    snapshot: SceneSnapshot,
+    settings: Settings,
+    before: tuple[SceneSnapshot, RenderPlan] | None = None,
+    likely_faces: LikelyFaces | None = None,
+) -> RenderPlan:
     """Decide per light. before: what was planned, and how; the answer is the same without, and takes longer where little has changed.
+    likely_faces: shared by plans of one snapshot that differ in nothing but views and map resolution, which fits each light's faces once;
+    filled.
 
     Raises UsageError for lights that the scene does not have, SceneError when the scene has no light that can be rendered.
     """
@@ -181,7 +192,9 @@ def plan(snapshot: SceneSnapshot, settings: Settings, before: tuple[SceneSnapsho
     eye_sample_count = min(batch_count * eye_samples_per_batch, most_eye_samples)
     steps = _Steps(batch_count, batch_count * eye_samples_per_batch)
     known = _known_lines(snapshot, steps, before)
-    passes, reflected_lights = _plan_lights(snapshot, jobs, reflected_jobs, bounds, steps, known)
+    if likely_faces is None:
+        likely_faces = {}
+    passes, reflected_lights = _plan_lights(snapshot, jobs, reflected_jobs, bounds, steps, known, likely_faces)
     # as if each light had two sets of maps: whether one serves both is known when surfaces are
     lights_ms = sum(planned.predicted_ms for planned in [*passes, *reflected_lights])
     eye_ms = cost.eye_ms(snapshot, settings, eye_sample_count)
@@ -437,6 +450,7 @@ def _plan_lights(
     bounds: SceneBounds,
     steps: _Steps,
     known: _KnownLines,
+    likely_faces: LikelyFaces,
 ) -> tuple[tuple[PlannedPass, ...], tuple[PlannedPass, ...]]:
     """For the picture, and for what reflectors show. All share the memory for maps that are kept: what does not fit beside those before
     it is made again for every batch."""
@@ -446,14 +460,22 @@ def _plan_lights(
         job = reflected_jobs[index] if is_reflected else jobs[index]
         line = known.get((is_reflected, job.light.name, job.pass_name, kept_bytes))
         if line is None:
-            line = _plan_light(snapshot, job, bounds, steps, kept_bytes)
+            line = _plan_light(snapshot, job, bounds, steps, kept_bytes, likely_faces, is_reflected)
         planned[is_reflected, index] = line
         kept_bytes += line.kept_map_bytes
     passes = tuple(planned[False, index] for index in range(len(jobs)))
     return passes, tuple(planned[True, index] for index in range(len(reflected_jobs)))
 
 
-def _plan_light(snapshot: SceneSnapshot, job: _LightJob, bounds: SceneBounds, steps: _Steps, kept_bytes: int) -> PlannedPass:
+def _plan_light(
+    snapshot: SceneSnapshot,
+    job: _LightJob,
+    bounds: SceneBounds,
+    steps: _Steps,
+    kept_bytes: int,
+    likely_faces: LikelyFaces,
+    is_reflected: bool,
+) -> PlannedPass:
     """kept_bytes: of other lights' maps"""
     light, pass_name, settings, view_count = job.light, job.pass_name, job.settings, job.view_count
     if job.skipped is not None:
@@ -504,7 +526,10 @@ def _plan_light(snapshot: SceneSnapshot, job: _LightJob, bounds: SceneBounds, st
             method=Method.PCSS if is_filtered else Method.MVR,
             predicted_ms=look_ups_ms,
         )
-    faces, face_count = _likely_faces(snapshot, light, bounds, job.places_ws, settings.map_resolution_px)
+    key = is_reflected, light.name, settings.map_resolution_px
+    if key not in likely_faces:
+        likely_faces[key] = _likely_faces(snapshot, light, bounds, job.places_ws, settings.map_resolution_px)
+    faces, face_count = likely_faces[key]
     has_cut_outs = any(snapshot.meshes[index].opacity_map is not None for index in _caster_meshes(snapshot, light))
     map_bytes = len(faces) * BYTES_PER_TEXEL * settings.map_resolution_px**2 * (view_count == 1 and not has_cut_outs)
     is_kept = 0 < map_bytes <= (settings.replay_buffer_mib << 20) - kept_bytes
