@@ -39,6 +39,23 @@ def prepare(scene: bpy.types.Scene, resolution: tuple[int, int]) -> None:
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
 
 
+def render_pair(scene: bpy.types.Scene, light: bpy.types.Object, samples: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A picture, the same without the light's shadows, and the seconds of each, waited and of processors.
+
+    The second one finds what Cycles made of the scene for the first: only the light is another.
+    """
+    pictures, taken = [], []
+    own, scene.render.use_persistent_data = light.data.use_shadow, True
+    for has_shadows in (True, False):
+        light.data.use_shadow = own and has_shadows
+        image, *seconds = render(scene, samples, seed)
+        pictures.append(image)
+        taken.append(seconds)
+    light.data.use_shadow = own
+    scene.render.use_persistent_data = False  # and lets go of it
+    return *pictures, np.array(taken)
+
+
 def render(scene: bpy.types.Scene, samples: int, seed: int = 0, *, has_shadows: bool = True) -> tuple[np.ndarray, float, float]:
     """(height, width) float32 irradiance, row 0 at the bottom; the seconds that the render took, writing its file included and reading it
     not, waited and of all processors."""
@@ -80,7 +97,10 @@ class CyclesReference:
         self.off_outlines = self.judged & even
         self.penumbra = self.judged & (self.ratio > 0.02) & (self.ratio < 0.98)
 
-    def ratio_of(self, shadowed: np.ndarray, unshadowed: np.ndarray) -> np.ndarray:
+    def ratio_of(self, shadowed: np.ndarray, unshadowed: np.ndarray | None = None) -> np.ndarray:
+        """unshadowed: None for the reference's own, nearly without noise"""
+        if unshadowed is None:
+            unshadowed = self.unshadowed
         return np.where(self.judged, np.clip(shadowed / np.maximum(unshadowed, 1e-12), 0, 1), 1)
 
     def errors(self, image: np.ndarray) -> dict[str, float]:

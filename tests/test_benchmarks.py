@@ -6,12 +6,17 @@ import math
 from collections import Counter
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 pytest.importorskip("bpy")
 
+import bpy
+
+from tests import cycles
 from tests.benchmarks import peers, reflections
 from tests.benchmarks.__main__ import NAMES, states
+from tests.benchmarks.head_scene import build_head_scene
 from tests.benchmarks.memory import forget_peak
 from tests.benchmarks.options import Options
 from tests.benchmarks.speed import Asked, verdict_rows
@@ -82,6 +87,24 @@ def curve(renderer, *points):
 
 VIR_CURVE = curve(peers.VIR_AUTO, (1.0, 0.08), (16.0, 0.02))
 CYCLES_CURVE = curve(peers.CYCLES, (10.0, 0.08), (160.0, 0.02))
+
+
+def test_finer_errors_are_read_from_the_same_curve():
+    vir, reference = peers.summary(VIR_CURVE + CYCLES_CURVE)
+    assert vir["cpu_seconds_to_0.02"] == pytest.approx(32.0) and reference["cpu_seconds_to_0.02_share"] == pytest.approx(0.1)
+    assert math.isinf(vir["cpu_seconds_to_0.01"]) and reference["cpu_seconds_to_0.01_share"] is None
+
+
+def test_two_pictures_of_cycles_are_those_that_it_renders_one_by_one():
+    """With persistent data, and a light whose shadows are switched off instead of every object's."""
+    scene = build_head_scene(1)
+    light, samples = bpy.data.objects["Key"], 2
+    cycles.prepare(scene, (48, 27))
+    shadowed, unshadowed, taken = cycles.render_pair(scene, light, samples, seed=4)
+    for image, has_shadows in ((shadowed, True), (unshadowed, False)):
+        np.testing.assert_array_equal(image, cycles.render(scene, samples, seed=4, has_shadows=has_shadows)[0])
+    assert (shadowed < unshadowed).any() and taken.shape == (2, 2) and (taken > 0).all()
+    assert light.data.use_shadow and not scene.render.use_persistent_data
 
 
 def test_without_eevee_nothing_is_compared_with_it():
