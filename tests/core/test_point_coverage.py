@@ -21,6 +21,7 @@ from tests.scenes import (
     rmse,
     snapshot,
 )
+from vir_addon.core.methods.ivir import BYTES_PER_POINT, ImprovedViewIndependentRasterization
 from vir_addon.core.passes.shadow_maps import DepthMaps
 from vir_addon.core.settings import Method, PointStorage
 from vir_addon.device.interface import EMPTY_DEPTH_BITS
@@ -147,7 +148,31 @@ def test_every_view_of_a_batch_is_served(device):
 
 def test_portions_make_the_same_picture(device):
     """Also a single triangle that fills the buffer several times."""
-    check_portions(made("room"), device, 4, method=Method.IVIR)
+    check_portions(made("room"), device, 2, method=Method.IVIR)
+
+
+def test_what_the_buffer_has_room_for_is_generated_once(device, monkeypatch):
+    """Batches walk over the other triangles only, as many as their points do not fit."""
+    scene = made("sphere")
+    walked: list[int] = []
+    running = ImprovedViewIndependentRasterization._running_triangles
+
+    def noting(self, declaration, first_group, group_count, **outputs):
+        walked.append(group_count)
+        yield from running(self, declaration, first_group, group_count, **outputs)
+
+    monkeypatch.setattr(ImprovedViewIndependentRasterization, "_running_triangles", noting)
+    settings = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": 1024, "cull_hidden": False}
+    with prepared_renderer(scene, device, **settings) as renderer:
+        (method,) = (method for _, _, method in renderer.works[0].faces if method is not None)
+        point_count, group_count = method.point_count, method.work.group_count
+    mib = round(0.7 * point_count * BYTES_PER_POINT / 2**20)
+    assert mib >= 2  # whole MiB are near enough to 70 %
+    with prepared_renderer(scene, device, replay_buffer_mib=mib, **settings) as renderer:
+        walked.clear()
+        renderer.device.run(renderer.render_batch, 0)
+    # not in proportion: the first of them have more points than others
+    assert 0.2 * group_count < sum(walked) < 0.75 * group_count
 
 
 def test_many_small_triangles_in_portions_make_the_same_picture(device):

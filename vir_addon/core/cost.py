@@ -355,10 +355,19 @@ def estimate_methods(
     is_cached = batch_views * BYTES_PER_TEXEL * settings.map_resolution_px**2 <= CACHED_BYTES
     splat_point = rates.splat_cached_point if is_cached else rates.splat_point
 
-    def points_ns(becomes_points: np.ndarray, share: float = 1.0) -> float:
+    def walk_count(points: float, keeps_part: bool) -> float:
+        """Over all triangles."""
+        if not is_replayed or settings.points is not PointStorage.BUFFERED:
+            return batch_count
+        room = budget_bytes / max(points * POINT_BYTES, 1)
+        if room >= 1 or not keeps_part:
+            return 1 if room >= 1 else batch_count
+        # that there is no room is found out by one; then those that have some are kept, and each batch makes the others
+        return 1 + room + (1 - room) * batch_count
+
+    def points_ns(becomes_points: np.ndarray, share: float = 1.0, *, keeps_part: bool = True) -> float:
         points = share * float((facing * point_counts)[becomes_points].sum())
-        is_kept = is_replayed and settings.points is PointStorage.BUFFERED and points * POINT_BYTES <= budget_bytes
-        generations = 1 if is_kept else batch_count
+        generations = walk_count(points, keeps_part)
         walk_ns = triangles * rates.generate_triangle + points * rates.generate_point
         if settings.point_generation is PointGeneration.RASTERIZER:
             walk_ns += float(facing[becomes_points].sum()) * rates.lattice_triangle + points * rates.lattice_point
@@ -378,7 +387,7 @@ def estimate_methods(
         Method.IVIR: points_ns(everything),
         Method.HYBRID: hybrid_ns,
         Method.VIR: points_ns(everything, GLOBAL_RATE_SHARE),
-        Method.VWSS: points_ns(everything),
+        Method.VWSS: points_ns(everything, keeps_part=False),
         Method.EPR: epr_ns,
         Method.PCSS: raster_ns,
     }

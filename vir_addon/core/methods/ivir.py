@@ -1,13 +1,12 @@
 """Improved view-independent rasterization (Gavane & Watson 2022; preprint 2020): triangles become points once, views replay them.
 
-`buffered`: points go into a buffer that every batch of views replays. A buffer too small for all of them is used in
-portions, each generated again for each batch. `bufferless`: every batch generates the points and splats them as they come.
+`buffered`: points go into a buffer that every batch of views replays. What a buffer too small for all of them has no room for is
+generated again for each batch. `bufferless`: every batch generates the points and splats them as they come.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
-from dataclasses import dataclass
+from collections.abc import Generator
 from typing import Any
 
 import numpy as np
@@ -32,6 +31,8 @@ WORTHWHILE_SHARE_KEPT = 0.8
 MAX_CUTS = 6
 """A part that touches the light asks for any number of points; six cuts into 8 x 8 make enough."""
 BYTES_PER_POINT = 16
+FILLED_SHARE = 0.95
+"""of a buffer that has no room for all points: triangles that stand together in the list may have more of them than others"""
 
 
 def hull_box(hull_fs: np.ndarray, bounds: np.ndarray) -> np.ndarray:
@@ -41,16 +42,6 @@ def hull_box(hull_fs: np.ndarray, bounds: np.ndarray) -> np.ndarray:
     box[:, :3] = (hull_fs.max(axis=0) + hull_fs.min(axis=0)) / 2, (hull_fs.max(axis=0) - hull_fs.min(axis=0)) / 2
     box[0, 3] = 1 / np.sqrt(1 + (farthest**2).sum())
     return box
-
-
-@dataclass(frozen=True)
-class _Portion:
-    """Work groups whose points are in the buffer together; if even one group has too many, so many of its tiles at once."""
-
-    first_group: int
-    group_count: int
-    tiles_at_once: int = 0
-    """0: all"""
 
 
 class ImprovedViewIndependentRasterization(ReplayMethod):
@@ -92,7 +83,8 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         self.buffered_splat_count = 0
         """at the end of the buffer; only `epr` makes some"""
         self.kept_point_count = 0
-        self._portions: list[_Portion] = []
+        self._held_group_count = 0
+        """the first work groups, whose points are in the buffer"""
 
     def preparing(self) -> Generator[None, None, None]:
         self.work = self._owned.own(self.scene_data.work_table(self.opaque_indices, ~self.culled))
@@ -102,8 +94,11 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
     def _making(self) -> Generator[None, None, None]:
         self.points = LinearStore(self.device, min(self.capacity_limit, max(1 << 18, 4 * self.work.triangle_count)))
         self._is_held = True
-        self.portion_count = 1
-        self._portions = yield from self._planning_portions()
+        yield from self._filling_buffer()
+        self.portion_count = 1 + (self._held_group_count < self.work.group_count)
+        if self.portion_count > 1:
+            for declaration in (self.splat_triangles, self.splat_tiles):
+                yield from self._compiling(declaration)
 
     @property
     def held_bytes(self) -> int:
@@ -115,37 +110,24 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
 
     # buffered
 
-    def _planning_portions(self) -> Generator[None, None, list[_Portion]]:
-        """Returns ranges of work groups whose points fit into the buffer; a single range's points are in it afterwards."""
-        pending, portions, total, culled = [_Portion(0, self.work.group_count)], [], 0, 0
-        while pending:
-            portion = pending.pop()
-            texels, culled_here = yield from self._generating_into_buffer(portion)
-            if self.points.texel_count < texels <= self.capacity_limit:
-                self.points.reserve(texels)
-                texels, culled_here = yield from self._generating_into_buffer(portion)
-            first, count = portion.first_group, portion.group_count
-            if texels > self.points.texel_count and count > 1:
-                half = count // 2
-                pending += [_Portion(first + half, count - half), _Portion(first, half)]
-                continue
-            if texels > self.points.texel_count:
-                # a few large triangles that fill the buffer many times over
-                self.points.reserve(self.capacity_limit)
-                room = self.points.texel_count // self.texels_per_point - WORK_GROUP_SIZE * MAX_SMALL_CELLS
-                portion = _Portion(first, count, tiles_at_once=room // TILE_CELLS**2)
-                self.portion_count += -(-self.tile_count // portion.tiles_at_once) - 1
-            portions.append(portion)
-            total, culled = total + self.buffered_point_count + self.buffered_splat_count, culled + culled_here
-        self.portion_count += len(portions) - 1
-        self.point_count, self.culled_triangle_count = total, culled
-        return portions
+    def _filling_buffer(self) -> Generator[None, None, None]:
+        """With the points of as many of the first work groups as it has room for, all of them where they fit."""
+        self._held_group_count = self.work.group_count
+        texels, self.culled_triangle_count = yield from self._generating_into_buffer(self._held_group_count)
+        self.point_count = self.buffered_point_count + self.buffered_splat_count
+        if self.points.texel_count < min(texels, self.capacity_limit):
+            self.points.reserve(min(texels, self.capacity_limit))
+            if texels <= self.points.texel_count:
+                yield from self._generating_into_buffer(self._held_group_count)
+        while texels > self.points.texel_count:
+            self._held_group_count = int(self._held_group_count * FILLED_SHARE * self.points.texel_count / texels)
+            texels, _ = yield from self._generating_into_buffer(self._held_group_count)
 
-    def _generating_into_buffer(self, portion: _Portion) -> Generator[None, None, tuple[int, int]]:
-        """Pauses between kernels. Returns how many texels the points take (more than the buffer has: the rest is lost) and triangles
-        culled."""
+    def _generating_into_buffer(self, group_count: int) -> Generator[None, None, tuple[int, int]]:
+        """Points of the first work groups. Pauses between kernels. Returns how many texels they take (more than the buffer has: the rest is
+        lost) and triangles culled."""
         outputs = {"points": self.points.texture, "texel_capacity": self.points.texel_count}
-        yield from self._running_triangles(self.buffer_triangles, portion.first_group, portion.group_count, **outputs)
+        yield from self._running_triangles(self.buffer_triangles, 0, group_count, **outputs)
         yield
         yield from self._running_tiles(self.buffer_tiles, 0, self.tile_count, **outputs)
         culled = self._read_counts()
@@ -157,33 +139,14 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         self.buffered_point_count, self.buffered_splat_count = int(counters[0]), int(counters[4])
         return int(counters[2])
 
-    def _buffer_fillings(self) -> Iterator[None]:
-        """Yields every time the buffer holds `buffered_point_count` points to replay, until all points had their turn."""
-        if len(self._portions) == 1 and not self._portions[0].tiles_at_once:
-            yield
-            return
-        for portion in self._portions:
-            if not portion.tiles_at_once:
-                run_steps(self._generating_into_buffer(portion))
-                yield
-                continue
-            outputs = {"points": self.points.texture, "texel_capacity": self.points.texel_count}
-            self._run_triangles(self.buffer_triangles, portion.first_group, portion.group_count, **outputs)
-            # tiles come in another order each time they are found, so they are counted off within one finding
-            for first_tile in range(0, self.tile_count, portion.tiles_at_once):
-                if first_tile:
-                    self.device.fill(self.counters, 0)
-                self._run_tiles(self.buffer_tiles, first_tile, min(portion.tiles_at_once, self.tile_count - first_tile), **outputs)
-                self._read_counts()
-                yield
+    def _compiling(self, declaration: Any) -> Generator[None, None, Any]:
+        """Returns one of the four kernels."""
+        return (yield from compiling(self.device, declaration, *self._flags_of(declaration)))
 
     def _generating(self, declaration: Any, invocation_count: int, **bindings: Any) -> Generator[None, None, None]:
         """Run one of the four kernels, pausing where it had to be compiled."""
-        kernel = yield from compiling(self.device, declaration, *self._flags_of(declaration))
+        kernel = yield from self._compiling(declaration)
         kernel.dispatch_linear(invocation_count, **bindings)
-
-    def _run_triangles(self, declaration: KernelDeclaration, first_group: int, group_count: int, **outputs: Any) -> None:
-        run_steps(self._running_triangles(declaration, first_group, group_count, **outputs))
 
     def _running_triangles(
         self, declaration: KernelDeclaration, first_group: int, group_count: int, **outputs: Any
@@ -248,9 +211,6 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
     def _flags_of(self, declaration: KernelDeclaration) -> list[str]:
         return sorted({*self.sampling_flags, *(self.splat_flags if "depth_maps" in declaration.images else ())})
 
-    def _run_tiles(self, declaration: KernelDeclaration, first_tile: int, tile_count: int, **outputs: Any) -> None:
-        run_steps(self._running_tiles(declaration, first_tile, tile_count, **outputs))
-
     def _running_tiles(
         self, declaration: KernelDeclaration, first_tile: int, tile_count: int, **outputs: Any
     ) -> Generator[None, None, None]:
@@ -274,15 +234,20 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         self._begin(maps, selected, views)
         outputs = {"depth_maps": maps.texture, "views": views, "view_count": len(selected)}
         if self.storage is PointStorage.BUFFERLESS:
-            self._run_triangles(self.splat_triangles, 0, self.work.group_count, **outputs)
-            self._run_tiles(self.splat_tiles, 0, self.tile_count, **outputs)
+            run_steps(self._splatting(0, **outputs))
             self.culled_triangle_count = self._read_counts()
             self.point_count = self.buffered_point_count + self.buffered_splat_count
             return
-        for _ in self._buffer_fillings():
-            self._replay(**outputs)
-        if self.portion_count == 1 and self._may_search_hidden(selected):
+        self._replay(**outputs)
+        if self.portion_count > 1:
+            run_steps(self._splatting(self._held_group_count, **outputs))
+        elif self._may_search_hidden(selected):
             self._keep_seen_points(**outputs)
+
+    def _splatting(self, first_group: int, **outputs: Any) -> Generator[None, None, None]:
+        """Points of all work groups from this one on, as they are generated."""
+        yield from self._running_triangles(self.splat_triangles, first_group, self.work.group_count - first_group, **outputs)
+        yield from self._running_tiles(self.splat_tiles, 0, self.tile_count, **outputs)
 
     def _replay(self, **batch: Any) -> None:
         """What the buffer holds into the maps. batch: what points are splatted with"""

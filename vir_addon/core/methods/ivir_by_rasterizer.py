@@ -28,8 +28,11 @@ class PointsByRasterizer(ImprovedViewIndependentRasterization):
     splat_tiles = SPLAT_TILES_BY_RASTERIZER
     invocations_per_tile = 1
 
+    def _compiling(self, declaration: Any) -> Generator[None, None, Any]:
+        yield from ()
+        return self.device.geometry_kernel(declaration, *self._flags_of(declaration))
+
     def _generating(self, declaration: Any, invocation_count: int, **bindings: Any) -> Generator[None, None, None]:
-        kernel = self.device.geometry_kernel(declaration, *self._flags_of(declaration))
+        kernel = yield from self._compiling(declaration)
         viewport = (0, 0, LATTICE_VIEWPORT_PX, LATTICE_VIEWPORT_PX)
         kernel.draw(self.shared.lattice_target.target, viewport, invocation_count, **bindings)
-        yield from ()
