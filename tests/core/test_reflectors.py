@@ -9,6 +9,7 @@ import pytest
 
 from tests.core.test_reflections import box_colors, camera_rays, colored_box, mirrored_colors, nearest_instance
 from tests.scenes import box, bumpy_sphere, camera_from_above, floor, matte, mirror, perspective_camera, rectangle, render_passes, snapshot
+from vir_addon.core.errors import UsageError
 from vir_addon.core.material import Constant, ImageSample, ImageTexels, Operation, TableLookup, World
 from vir_addon.core.material_program import combined, typical_value
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
@@ -18,7 +19,7 @@ from vir_addon.core.reflections import views as reflector_views
 from vir_addon.core.reflections.reflectors import MAX_GROUPS, MAX_REFLECTORS, MIN_MAP_RAYS
 from vir_addon.core.render import render
 from vir_addon.core.scene import Mesh
-from vir_addon.core.settings import Effect, Settings
+from vir_addon.core.settings import CUBE_SIZES_PX, Effect, Settings
 
 WIDTH, HEIGHT = 160, 90
 
@@ -100,6 +101,24 @@ def test_reflectors_behind_the_camera_call_for_no_second_bounce():
     found = reflectors_of(scene)
     assert found.bounces == 1
     assert [each.name for each in found.reflectors if each.runs] == ["ball 0"]
+
+
+@pytest.mark.parametrize(("radius_m", "map_count"), [(0.2, 2), (0.01, 1)])
+def test_cubes_are_as_wide_as_asked_whatever_reflectors_cover(radius_m, map_count):
+    """As the papers' baseline has them; otherwise as wide as their reflectors are in the picture. Small ones share one."""
+    balls = [bumpy_sphere(f"ball {k}", (0.5 * k, 0.0, 0.5), radius_m, 12, bump_share=0.0) for k in range(2)]
+    camera = perspective_camera((0.5, -3.0, 1.5), (0, 0, 0.4), 640, 360, 0.6)
+    scene = snapshot([floor(4.0), *balls], [], camera, 640, 360, materials=[matte(), mirror(), mirror()], world=World())
+    asked = reflectors_of(scene, reflection_cube_px=416)
+    assert [each.width_px for each in asked.maps] == [416] * map_count
+    assert 416 not in {each.width_px for each in reflectors_of(scene).maps}
+
+
+@pytest.mark.parametrize("side_px", [0, 16, 100, 1056])
+def test_cubes_have_sides_that_maps_have(side_px):
+    assert CUBE_SIZES_PX == range(MAP_SIZE_STEP_PX, reflector_views.MAX_MAP_PX + 1, MAP_SIZE_STEP_PX)
+    with pytest.raises(UsageError, match=f"32 to 1024 px wide in steps of 32, not {side_px}"):
+        Settings(reflection_cube_px=side_px)
 
 
 def test_reasons_say_why_a_cube_is_where_it_is(monkeypatch):

@@ -215,6 +215,13 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help="how reflectors' cubes are made: each by the rasterizer (mvr), or from one cloud (ivir, epr); default: the quicker for each",
     )
     parser.add_argument(
+        "--reflection-cube",
+        type=int,
+        metavar="PX",
+        help="side of a face of reflectors' cubes, the same for all, as the papers' baseline has it: 512 in a picture 1920 wide; default: as "
+        "wide as each is in the picture",
+    )
+    parser.add_argument(
         "--no-planar",
         action="store_true",
         help="cubes for flat reflectors too, which otherwise have the mirrored eye's view with any method: what the papers compare with",
@@ -264,6 +271,7 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         reflection_map_mib=arguments.reflection_map_mib,
         reflection_method=arguments.reflection_method,
         planar=not arguments.no_planar,
+        reflection_cube_px=arguments.reflection_cube,
         reflection_look_up=arguments.reflection_look_up,
         method=method,
         points=arguments.points,

@@ -13,6 +13,8 @@ MAX_TAPS = 128
 MAX_REFLECTION_SAMPLES = 1024
 MAX_BOUNCES = 8
 """each keeps a G-buffer of what it met"""
+CUBE_SIZES_PX = range(32, 1025, 32)
+"""sides of faces of reflectors' cubes"""
 
 
 class Method(enum.Enum):
@@ -157,6 +159,9 @@ class Settings:
     planar: bool = True
     """mirrored views of flat reflectors; without, they have cubes as all have, which is the papers' baseline"""
     reflection_look_up: ReflectionLookUp = ReflectionLookUp.MARCH
+    reflection_cube_px: int | None = None
+    """side of a face of every cube for what the eye sees of a reflector, however large that is in the picture: the papers' baseline, with
+    512 in a picture 1920 wide. None: as wide as it is in the picture"""
     reflection_sample_count: int = 32
     """rays of every pixel that shows a reflector, each at another place in the pixel and, on rough surfaces, in another direction"""
     points_per_eye_pixel: float = 0.5
@@ -213,5 +218,10 @@ class Settings:
             raise UsageError(f"reflections take 1 to {MAX_REFLECTION_SAMPLES} samples of a pixel, not {self.reflection_sample_count}")
         if not 0 < self.points_per_eye_pixel <= 4:
             raise UsageError(f"epr takes more than 0 and at most 4 points of an eye's pixel, not {self.points_per_eye_pixel:g}")
+        if self.reflection_cube_px is not None and self.reflection_cube_px not in CUBE_SIZES_PX:
+            raise UsageError(
+                f"reflectors' cubes may be {CUBE_SIZES_PX[0]} to {CUBE_SIZES_PX[-1]} px wide in steps of {CUBE_SIZES_PX.step}, "
+                f"not {self.reflection_cube_px}"
+            )
         if self.reflection_map_mib < 1:
             raise UsageError("the maps of reflectors need at least 1 MiB")

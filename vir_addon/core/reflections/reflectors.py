@@ -154,7 +154,7 @@ def choose_reflectors(
     # a single one has nothing to see itself in
     bounces = settings.bounces or (DEFAULT_BOUNCES if len(groups) > 1 else 1)
     found = [
-        _plan_group(snapshot, bounds, group, is_measured=seen is not None)
+        _plan_group(snapshot, bounds, group, settings, is_measured=seen is not None)
         if len(group) > 1
         else _plan_reflector(snapshot, bounds, group[0], bounces, settings, is_measured=seen is not None)
         for group in groups
@@ -214,9 +214,8 @@ def with_met(
 
     def plan_group(group: list[Candidate]) -> Reflector:
         together = _together(group)
-        return Reflector(
-            together.name, together.own, True, f"{reason}; near each other: one map", "mvr", met=_group_cube(snapshot, bounds, together, 0)
-        )
+        cube = cube_around(snapshot, bounds, together.own, cube_size_px(0), find_place=together.center_ws)
+        return Reflector(together.name, together.own, True, f"{reason}; near each other: one map", "mvr", met=cube)
 
     groups, _ = _sharing_maps(snapshot, candidates)
     if not groups:
@@ -239,14 +238,13 @@ def _together(group: list[Candidate]) -> Candidate:
     return Candidate(name, np.concatenate([each.own for each in group]), int(weights.sum()), place_ws)
 
 
-def _group_cube(snapshot: SceneSnapshot, bounds: SceneBounds, together: Candidate, covered_px: int) -> ReflectionMap:
-    return cube_around(snapshot, bounds, together.own, cube_size_px(covered_px), find_place=together.center_ws)
-
-
-def _plan_group(snapshot: SceneSnapshot, bounds: SceneBounds, group: list[Candidate], *, is_measured: bool) -> Reflector:
+def _plan_group(
+    snapshot: SceneSnapshot, bounds: SceneBounds, group: list[Candidate], settings: Settings, *, is_measured: bool
+) -> Reflector:
     together = _together(group)
     covered_px = max(max(covered_size_px(snapshot, bounds.corners_ws[each.own].reshape(-1, 3))) for each in group)
-    cube = _group_cube(snapshot, bounds, together, covered_px)
+    side_px = settings.reflection_cube_px or cube_size_px(covered_px)
+    cube = cube_around(snapshot, bounds, together.own, side_px, find_place=together.center_ws)
     is_small = max(each.ray_count for each in group) < _least_ray_count(snapshot)
     why = "small and near each other" if is_small else f"more than {MAX_REFLECTORS} reflectors, these near each other"
     reason = f"{'' if is_measured else 'up to '}{together.ray_count} px in the picture; {why}: one map"
@@ -274,7 +272,7 @@ def _plan_reflector(
     corners = bounds.corners_ws[own].reshape(-1, 3)
     covered_px = covered_size_px(snapshot, corners)
     reason = f"{candidate.ray_count} px in the picture" if is_measured else f"{covered_px[0]} x {covered_px[1]} px in the picture"
-    side_px = cube_size_px(max(covered_px))
+    side_px = settings.reflection_cube_px or cube_size_px(max(covered_px))
     plane = flat_plane(snapshot, own) if settings.planar else None
     if snapshot.camera.is_orthographic:
         reason += "; a parallel camera has neither mirrored views nor views of reflectors themselves"
