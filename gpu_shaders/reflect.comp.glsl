@@ -25,6 +25,9 @@ void main() {
 #ifdef FROM_EYE
         map_number = int(maps.x);
         others = maps.z + 1.0;
+#ifdef ADAPTIVE
+        map_number = texelFetch(settled, pixel, 0).x > 0.0 ? -1 : map_number;
+#endif
 #else
         map_number = int(maps.y);
 #endif
@@ -49,6 +52,23 @@ void main() {
         float side = dot(scaled_geometric_normal(instance, triangle), normal.xyz) < 0.0 ? -1.0 : 1.0;
         vec3 shading = side * shading_normal(instance, triangle, triangle_index, weights, side * normal.xyz);
         Surface surface = surface_at(instance_index, instance, triangle, triangle_index, weights, normal.xyz, shading);
+#ifdef FILTERED
+        // the surface goes on in the triangle's plane, its normal by the triangle's gradient; not so beyond where the plane ends
+        vec2 at = vec2(pixel) + 0.5 + vec2(place_x, place_y);
+        vec3 to_plane = eye[0].xyz + at.x * eye[1].xyz + at.y * eye[2].xyz;
+        bool orthographic = eye[3].w > 0.5;
+        vec3 from = orthographic ? eye[3].xyz + to_plane : eye[3].xyz;
+        vec3 toward = orthographic ? incoming : normalize(to_plane);
+        vec3 moved = plane_weights(triangle, from, toward);
+        vec3 place = moved.x * triangle.position_ws[0] + moved.y * triangle.position_ws[1] + moved.z * triangle.position_ws[2];
+        float farther = dot(place - from, toward);
+        if (dot(toward, normal.xyz) < 0.0 && (orthographic || (farther > 0.5 * traveled && farther < 2.0 * traveled))) {
+            vec3 turned = surface.normal_ws + side * shading_normal(instance, triangle, triangle_index, moved, side * normal.xyz) - shading;
+            surface.normal_ws = dot(turned, turned) > 0.0 ? normalize(turned) : surface.normal_ws;
+            position.xyz = place;
+            incoming = toward;
+        }
+#endif
         vec3 n = seen_normal(surface.normal_ws, -incoming);
         surface.normal_ws = n;
         float cosine = max(-dot(n, incoming), LEAST_COSINE);
@@ -75,7 +95,7 @@ void main() {
         } else {
             reflected = lobe_fresnel(surface, lobes.base, clamp(-dot(facet, incoming), 0.0, 1.0));
         }
-        color = vec4(before * masked * reflected, others);
+        color = vec4(share * before * masked * reflected, others);
         origin = vec4(position.xyz, float(map_number));
         ray = vec4(outgoing, FIRST_SHARE * max(traveled, length(position.xyz)));
     }

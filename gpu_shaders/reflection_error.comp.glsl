@@ -11,7 +11,12 @@ void main() {
             if (texelFetch(color_sums, ivec2(x, y), 0).a > 0.0) {
                 vec4 radiance = texelFetch(radiance_sums, ivec2(x, y), 0) / count;
                 float mean = dot(radiance.rgb, vec3(LUMINANCE_RED, LUMINANCE_GREEN, LUMINANCE_BLUE));
-                sums += vec2(max(radiance.a - mean * mean, 0.0) / (count - 1.0), 1.0);
+                float own = count;
+#ifdef ADAPTIVE
+                float settled_at = texelFetch(settled, ivec2(x, y), 0).x;
+                own = settled_at > 0.0 ? settled_at : count;
+#endif
+                sums += vec2(max(radiance.a - mean * mean, 0.0) / (own - 1.0), 1.0);
             }
         }
     }

@@ -19,9 +19,8 @@ vec3 shading_normal(InstanceData instance, TriangleData triangle, int triangle_i
     return squared > 0.0 ? n_ws * inversesqrt(squared) : fallback_ws;
 }
 
-// Barycentric weights of the point of the triangle's plane that the ray meets (Moeller & Trumbore 1997), moved into the
-// triangle: the rasterizer and this arithmetic round differently at edges.
-vec3 intersection_weights(TriangleData triangle, vec3 origin, vec3 direction) {
+// Barycentric weights of the point of the triangle's plane that the ray meets (Moeller & Trumbore 1997), also outside of the triangle.
+vec3 plane_weights(TriangleData triangle, vec3 origin, vec3 direction) {
     vec3 edge_1 = triangle.position_ws[1] - triangle.position_ws[0];
     vec3 edge_2 = triangle.position_ws[2] - triangle.position_ws[0];
     vec3 p = cross(direction, edge_2);
@@ -32,6 +31,11 @@ vec3 intersection_weights(TriangleData triangle, vec3 origin, vec3 direction) {
     vec3 s = origin - triangle.position_ws[0];
     float u = dot(s, p) / determinant;
     float v = dot(direction, cross(s, edge_1)) / determinant;
-    vec3 weights = max(vec3(1.0 - u - v, u, v), 0.0);
+    return vec3(1.0 - u - v, u, v);
+}
+
+// The same moved into the triangle: the rasterizer and this arithmetic round differently at edges.
+vec3 intersection_weights(TriangleData triangle, vec3 origin, vec3 direction) {
+    vec3 weights = max(plane_weights(triangle, origin, direction), 0.0);
     return weights / (weights.x + weights.y + weights.z);
 }

@@ -323,7 +323,8 @@ def tables(rows: list[dict[str, Any]], swept: list[dict[str, Any]], triangle_cou
                 f"{MUST_SHADING:g}th of what mvr as published does: all of its cubes' texels that see a surface. These cubes are as wide "
                 f"as the paper's in proportion to the picture, {PUBLISHED_CUBE_SHARE * width_px:.0f}, whatever their reflectors' size; "
                 f"'{SMALL}' has cubes as wide as its reflectors are in the picture, as the others. Shaded: surfaces that rays of an eye "
-                f"sample meet, whatever the method: all defer it. RMSE against mvr at {REFERENCE_FACTOR} times the resolution, on pixels of reflectors, up to 1."
+                f"sample meet, whatever the method: all defer it. RMSE against mvr at {REFERENCE_FACTOR} times the resolution, on "
+                "pixels of reflectors, up to 1."
             ),
             columns=(
                 Column("reflectors", "reflectors"),

@@ -18,7 +18,7 @@ from vir_addon.blender.job import frame_jobs
 from vir_addon.blender.job import run as run_job
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
 from vir_addon.core.preview import encode_srgb
-from vir_addon.core.settings import Effect, ReflectionLookUp, ReflectionMethod, Settings
+from vir_addon.core.settings import Effect, ReflectionFilter, ReflectionLookUp, ReflectionMethod, Settings
 from vir_addon.device.interface import Device
 from vir_addon.device.open import open_device
 
@@ -37,6 +37,11 @@ ROOMS: dict[str, Callable[[bpy.types.Scene], None]] = {
 """in which fewer and more rays are compared"""
 RAY_COUNTS = 1, 4, 9, 16, 25, 36, 64
 """25 is what Gavane & Watson 2022 b filter with"""
+FILTERS = {
+    "VIR, eye samples": ReflectionFilter.EYE,
+    "VIR, Poisson": ReflectionFilter.POISSON,
+    "VIR, Poisson, adaptive": ReflectionFilter.ADAPTIVE,
+}
 LEAST_COLOR = 0.5
 """what a pixel's reflections are multiplied by at least, in Cycles and here, for it to be judged"""
 DIFFERENCE_SCALE = 4
@@ -102,17 +107,24 @@ class Comparison:
         return ""
 
     def measure_rays(self, device: Device, counts: tuple[int, ...]) -> Iterator[dict[str, Any]]:
-        """Of one bounce: so many rays a pixel, and as many samples of Cycles; whole frames, after one that compiles."""
+        """Of one bounce: so many rays a pixel, each of an eye sample of its own or as published; and as many samples of Cycles. Whole
+        frames, after one that compiles."""
         truth = self.truths[1]
-        for turn, count in enumerate((counts[0], *counts)):
-            settings = Settings(effects=(Effect.REFLECTION,), bounces=1, view_count=16, reflection_sample_count=count)
-            (job,) = frame_jobs(self.scene, self.scene.frame_current, settings, self.resolution).values()
-            start_s = time.process_time()
-            images = run_job(job, device).images
-            seconds = time.process_time() - start_s
-            picture = displayed(images[REFLECTION_PASS_NAME], images[REFLECTION_COLOR_PASS_NAME])
-            if turn:  # the first compiles
-                yield {"renderer": "VIR", "count": count, "cpu_s": seconds, "rmse": self.rms(picture - truth)}
+        for name, kind in FILTERS.items():
+            for turn, count in enumerate((counts[0], *counts)):
+                settings = Settings(
+                    effects=(Effect.REFLECTION,), bounces=1, view_count=16, reflection_sample_count=count, reflection_filter=kind
+                )
+                (job,) = frame_jobs(self.scene, self.scene.frame_current, settings, self.resolution).values()
+                start_s = time.process_time()
+                passes = run_job(job, device)
+                seconds = time.process_time() - start_s
+                picture = displayed(passes.images[REFLECTION_PASS_NAME], passes.images[REFLECTION_COLOR_PASS_NAME])
+                found = passes.statistics.reflections
+                assert found is not None
+                if turn:  # the first compiles
+                    row = {"renderer": name, "count": count, "rays": found.rays_per_pixel}
+                    yield {**row, "cpu_s": seconds, "rmse": self.rms(picture - truth)}
         for count in counts:
             start_s = time.process_time()
             reflection, color = cycles_reflections.render(self.scene, self.resolution, count, bounces=1)
@@ -189,13 +201,15 @@ def table_of_rays(rows: list[dict[str, Any]], resolution: tuple[int, int], sampl
     return BenchTable(
         title=f"Reflections by rays of a pixel, {resolution[0]} x {resolution[1]}",
         compared=(
-            f"One bounce; errors as of reflections against Cycles, which has {samples} samples. Seconds of all processors, of whole "
-            "frames from the scene as it is read on; Cycles in one render of both passes."
+            "One bounce, by rays of eye samples of their own or, as published, by the gradient of normals around one; errors as of "
+            f"reflections against Cycles, which has {samples} samples. Seconds of all processors, of whole frames from the scene as it is "
+            "read on; Cycles in one render of both passes."
         ),
         columns=(
             Column("scene", "scene"),
             Column("renderer", "renderer"),
             Column("count", "rays, samples"),
+            Column("rays", "rays followed", "{:.1f}"),
             Column("cpu_s", "processors, s", "{:.2f}"),
             Column("rmse", "RMSE", "{:.4f}"),
             Column("noise", "noise", "{:.4f}"),

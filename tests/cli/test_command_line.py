@@ -16,9 +16,10 @@ import pytest
 
 import vir_addon
 from vir_addon.__main__ import main
+from vir_addon.cli.arguments import make_parser, settings_of
 from vir_addon.cli.commands import jobs_of
 from vir_addon.cli.progress import STAGE_TEXTS, ShownProgress
-from vir_addon.core.settings import Settings
+from vir_addon.core.settings import ReflectionFilter, Settings
 from vir_addon.device.moderngl_device import ModernglDevice
 
 bpy = pytest.importorskip("bpy")
@@ -193,6 +194,20 @@ def test_what_the_driver_says_is_passed_on():
     assert "Blender found no usable GPU (none)" in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ("", (ReflectionFilter.EYE, 32, None)),
+        ("--reflection-filter poisson", (ReflectionFilter.POISSON, 25, None)),
+        ("--reflection-filter adaptive --reflection-samples 8", (ReflectionFilter.ADAPTIVE, 8, None)),
+        ("--reflection-cube 512", (ReflectionFilter.EYE, 32, 512)),
+    ],
+)
+def test_what_the_papers_do_with_reflections_can_be_asked_for(given, expected):
+    settings = settings_of(make_parser().parse_args(["plan", "scene.blend", *given.split()]))
+    assert (settings.reflection_filter, settings.reflection_sample_count, settings.reflection_cube_px) == expected
+
+
 def test_exit_statuses(blend, folder):
     no_camera, dark, smoke, broken = (folder / f"{name}.blend" for name in ("no camera", "dark", "smoke", "broken"))
     build(no_camera, camera=False)
@@ -224,6 +239,9 @@ def test_exit_statuses(blend, folder):
         (2, "--culling-area does nothing with the method micro", ("plan", blend, "--method", "micro", "--culling-area", "0.1")),
         (2, "--pcss-samples does nothing with the method auto", ("plan", blend, "--pcss-samples", "32+64")),
         (2, "--points-per-eye-pixel does nothing with", ("plan", blend, "--reflection-method", "mvr", "--points-per-eye-pixel", "1")),
+        (2, "in steps of 32, not 100", ("plan", blend, "--reflection-cube", "100")),
+        (2, "samples of a pixel, not 0", ("plan", blend, "--reflection-samples", "0")),
+        (2, "another filter than adaptive", ("plan", blend, "--reflection-filter", "adaptive", "--per-reflector")),
         (3, "is not there", ("render", folder / "missing.blend", "--output", folder / "x")),
         (3, "not a .blend", ("plan", broken)),
         (3, "camera", ("plan", no_camera)),

@@ -116,7 +116,7 @@ def test_cubes_are_as_wide_as_asked_whatever_reflectors_cover(radius_m, map_coun
 
 @pytest.mark.parametrize("side_px", [0, 16, 100, 1056])
 def test_cubes_have_sides_that_maps_have(side_px):
-    assert CUBE_SIZES_PX == range(MAP_SIZE_STEP_PX, reflector_views.MAX_MAP_PX + 1, MAP_SIZE_STEP_PX)
+    assert range(MAP_SIZE_STEP_PX, reflector_views.MAX_MAP_PX + 1, MAP_SIZE_STEP_PX) == CUBE_SIZES_PX
     with pytest.raises(UsageError, match=f"32 to 1024 px wide in steps of 32, not {side_px}"):
         Settings(reflection_cube_px=side_px)
 

@@ -10,7 +10,20 @@ from typing import Any
 
 from .. import __version__
 from ..core.errors import UsageError
-from ..core.settings import Effect, Method, PointGeneration, PointStorage, ReflectionLookUp, ReflectionMethod, Resolve, Settings
+from ..core.settings import (
+    ADAPTIVE_STEP,
+    POISSON_SAMPLES,
+    RECURSIVE_SAMPLES,
+    Effect,
+    Method,
+    PointGeneration,
+    PointStorage,
+    ReflectionFilter,
+    ReflectionLookUp,
+    ReflectionMethod,
+    Resolve,
+    Settings,
+)
 
 EXIT_STATUS_TEXT = "exit status: 0 done, 2 wrong usage, 3 the scene cannot be rendered, 4 no usable device, 130 stopped with Ctrl-C"
 
@@ -195,9 +208,17 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--reflection-samples",
         type=int,
-        default=defaults.reflection_sample_count,
         metavar="N",
-        help=f"rays of every pixel that shows a reflector; default {defaults.reflection_sample_count}",
+        help=f"rays of every pixel that shows a reflector; default {defaults.reflection_sample_count}, {POISSON_SAMPLES} where one eye "
+        "sample serves all",
+    )
+    parser.add_argument(
+        "--reflection-filter",
+        type=partial(_parse_choice, ReflectionFilter),
+        default=defaults.reflection_filter,
+        metavar="eye|poisson|adaptive",
+        help="rays from an eye sample each (default); or as published all from one, by its normal's gradient, in a Poisson-disc pattern, "
+        f"{RECURSIVE_SAMPLES} of which go on to further bounces; adaptive: {ADAPTIVE_STEP} at a time until their variance declines no more",
     )
     parser.add_argument("--per-reflector", action="store_true", help="a pair of reflection passes of each reflecting object besides")
     parser.add_argument(
@@ -218,8 +239,8 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         "--reflection-cube",
         type=int,
         metavar="PX",
-        help="side of a face of reflectors' cubes, the same for all, as the papers' baseline has it: 512 in a picture 1920 wide; default: as "
-        "wide as each is in the picture",
+        help="side of a face of reflectors' cubes, the same for all, as the papers' baseline has it: 512 in a picture 1920 wide; default: "
+        "as wide as each is in the picture",
     )
     parser.add_argument(
         "--no-planar",
@@ -263,10 +284,12 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
                 f"or choose {ReflectionMethod.EPR.value}"
             )
         options["points_per_eye_pixel"] = arguments.points_per_eye_pixel
+    samples = Settings.reflection_sample_count if arguments.reflection_filter is ReflectionFilter.EYE else POISSON_SAMPLES
     return Settings(
         effects=arguments.effects,
         bounces=arguments.bounces,
-        reflection_sample_count=arguments.reflection_samples,
+        reflection_sample_count=samples if arguments.reflection_samples is None else arguments.reflection_samples,
+        reflection_filter=arguments.reflection_filter,
         per_reflector=arguments.per_reflector,
         reflection_map_mib=arguments.reflection_map_mib,
         reflection_method=arguments.reflection_method,

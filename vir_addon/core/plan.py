@@ -22,7 +22,7 @@ from .reflections.reflectors import PlannedReflections, choose_reflectors
 from .reflections.rounds import ReflectionRounds, least_ray_batches, plan_rounds
 from .sampling import light_samples
 from .scene import Camera, Light, LightShape, SceneSnapshot, has_same_picture, is_same_light
-from .settings import Effect, Hardware, Method, PointGeneration, PointStorage, Settings
+from .settings import Effect, Hardware, Method, PointGeneration, PointStorage, ReflectionFilter, Settings
 from .views import MIN_RECEIVER_MARGIN, light_axes
 
 SHARED_MAPS_NOTE = (
@@ -189,6 +189,8 @@ def plan(
         notes += [SHARED_MAPS_NOTE] if has_passes else []
     eye_samples_per_batch = eye_samples_of(batch_count) if rounds is None else rounds.rounds_per_batch
     most_eye_samples = max(most_edge_samples, settings.reflection_sample_count * needs_rounds)
+    if only_reflects and settings.reflection_filter is not ReflectionFilter.EYE:
+        most_eye_samples = 1
     eye_sample_count = min(batch_count * eye_samples_per_batch, most_eye_samples)
     steps = _Steps(batch_count, batch_count * eye_samples_per_batch)
     known = _known_lines(snapshot, steps, before)

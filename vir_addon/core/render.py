@@ -418,6 +418,7 @@ class Renderer:
         errors = [work.statistics.error_estimate for work in shown]
         if self.reflections is not None:
             self.reflections.statistics.error_estimate = self.reflections.compute_error()
+            self.reflections.statistics.rays_per_pixel = self.reflections.mean_ray_count()
             errors.append(self.reflections.statistics.error_estimate)
         return max(errors, default=0.0)
 

@@ -210,8 +210,29 @@ def pixel_offsets(pixel_filter: PixelFilter, count: int) -> np.ndarray:
     if count == 1:
         return np.zeros((1, 2))
     points_of = shuffled_unit_square_points if count > MAX_UNSHUFFLED_OFFSETS else unit_square_points
-    points = points_of(count, stable_seed("pixel"))
+    return _filtered(points_of(count, stable_seed("pixel")), pixel_filter)
+
+
+def _filtered(points: np.ndarray, pixel_filter: PixelFilter) -> np.ndarray:
+    """(n, 2) in [0, 1)^2 -> (n, 2) pixels from the pixel's centre"""
     grid = np.linspace(-0.5, 0.5, 1025)
     density = _filter_density(pixel_filter.shape, 0.5 * (grid[1:] + grid[:-1]))
     cumulative = np.concatenate([[0], np.cumsum(density)])
     return np.interp(points, cumulative / cumulative[-1], grid) * pixel_filter.width_px
+
+
+POISSON_CANDIDATES = 32
+"""of which the farthest from all places so far is taken"""
+
+
+def poisson_offsets(pixel_filter: PixelFilter, count: int) -> np.ndarray:
+    """(count, 2) float64 as of `pixel_offsets`, none near another: every prefix is a Poisson-disc pattern of the filter's square, whose
+    sides count as joined (Mitchell 1991, "Spectrally Optimal Sampling for Distribution Ray Tracing")."""
+    generator = np.random.default_rng(stable_seed("poisson"))
+    points = np.full((count, 2), 0.5)
+    for k in range(1, count):
+        candidates = generator.random((POISSON_CANDIDATES, 2))
+        apart = np.abs(candidates[:, None] - points[:k])
+        squared = (np.minimum(apart, 1 - apart) ** 2).sum(axis=-1).min(axis=1)
+        points[k] = candidates[squared.argmax()]
+    return _filtered(points, pixel_filter)

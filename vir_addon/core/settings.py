@@ -13,6 +13,9 @@ MAX_TAPS = 128
 MAX_REFLECTION_SAMPLES = 1024
 MAX_BOUNCES = 8
 """each keeps a G-buffer of what it met"""
+POISSON_SAMPLES, RECURSIVE_SAMPLES, ADAPTIVE_STEP = 25, 4, 4
+"""of filtering by the normal's gradient as published: rays of a pixel, those of them that go on from what they met, and how many are added
+at a time where their number adapts"""
 CUBE_SIZES_PX = range(32, 1025, 32)
 """sides of faces of reflectors' cubes"""
 
@@ -73,6 +76,18 @@ class ReflectionLookUp(enum.Enum):
     """Rays are followed through the depths of a reflector's map."""
     DIRECTION = "direction"
     """Maps are looked up as if all were infinitely far away, as published."""
+
+
+class ReflectionFilter(enum.Enum):
+    """What a pixel's rays are reflected from."""
+
+    EYE = "eye"
+    """Each from an eye sample of its own: edges of reflectors and their materials are filtered as well."""
+    POISSON = "poisson"
+    """All from one eye sample: its normal's gradient tells those of other places in the pixel, a Poisson-disc pattern of them, as published
+    (Gavane & Watson 2022 b, section 4.1.3). Of them RECURSIVE_SAMPLES go on to further bounces."""
+    ADAPTIVE = "adaptive"
+    """The same, ADAPTIVE_STEP at a time until the pixel's variance declines no more."""
 
 
 class ReflectionMethod(enum.Enum):
@@ -164,6 +179,7 @@ class Settings:
     512 in a picture 1920 wide. None: as wide as it is in the picture"""
     reflection_sample_count: int = 32
     """rays of every pixel that shows a reflector, each at another place in the pixel and, on rough surfaces, in another direction"""
+    reflection_filter: ReflectionFilter = ReflectionFilter.EYE
     points_per_eye_pixel: float = 0.5
     """rho_scale of epr's cubes, for which the paper found a half best: fewer samples are larger splats"""
     per_reflector: bool = False
@@ -216,6 +232,10 @@ class Settings:
             raise UsageError(f"reflections may bounce 1 to {MAX_BOUNCES} times, not {self.bounces}")
         if not 1 <= self.reflection_sample_count <= MAX_REFLECTION_SAMPLES:
             raise UsageError(f"reflections take 1 to {MAX_REFLECTION_SAMPLES} samples of a pixel, not {self.reflection_sample_count}")
+        if self.per_reflector and self.reflection_filter is ReflectionFilter.ADAPTIVE:
+            raise UsageError(
+                "passes per reflector count as many samples in every pixel: choose another filter than adaptive, or leave them out"
+            )
         if not 0 < self.points_per_eye_pixel <= 4:
             raise UsageError(f"epr takes more than 0 and at most 4 points of an eye's pixel, not {self.points_per_eye_pixel:g}")
         if self.reflection_cube_px is not None and self.reflection_cube_px not in CUBE_SIZES_PX:

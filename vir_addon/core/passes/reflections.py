@@ -6,6 +6,7 @@ Where rays hit is a G-buffer of the eye's layout, so whatever looks lights up fo
 from __future__ import annotations
 
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored, Table
+from ..settings import ADAPTIVE_STEP
 from .emitters import EMITTER_CONSTANTS, EMITTER_TEXTURES
 from .reflection_maps import FURTHER_MAPS, HEADER_DEFINE, MAP_LEVELS, MAP_TEXTURES, OWN_CUBES
 from .resolve import DELIVERED_FLAGS, RESOLVE
@@ -51,6 +52,8 @@ LEAST_LIT_WIDTH = 0.02
 """GGX alpha that lobes have at least where lights are looked up: what reflects a light without size in a narrower one is a spark"""
 RADIANCES = "light that the picture's reflections bring in this round, what they are multiplied by included"
 COLORS = "what reflected light is multiplied by at the first reflector, and whether the pixel shows one"
+SETTLED = "after how many rays the pixel settled, 0: it has not; variance of what these found, or the last that were looked at"
+ADAPTIVE_FLAG = {"ADAPTIVE": "pixels have no more rays than it takes"}
 BOUNCE = Constant("int", "how often what the eye sees has been reflected already")
 
 SEEN = {
@@ -71,6 +74,7 @@ REFLECT = ComputeDeclaration(
         **SEEN,
         "corner_normals": Sampled("sampler2D", "three packed normals of every triangle of meshes that need them"),
         "instance_maps": Sampled("sampler2D", INSTANCE_MAPS),
+        "settled": Sampled("sampler2D", SETTLED),
         **TILE_TEXTURES,
     },
     images={
@@ -85,9 +89,17 @@ REFLECT = ComputeDeclaration(
         "bounce": BOUNCE,
         "sample_x": Constant("float", "of a rough surface's facets, in the unit square"),
         "sample_y": Constant("float", "the same in y"),
+        "place_x": Constant("float", "of the ray with FILTERED, from where the eye's sample is, pixels"),
+        "place_y": Constant("float", "the same in y"),
+        "share": Constant("float", "what the light is multiplied by besides: more than 1 where fewer rays go on than come"),
     },
     tables={"eye": Table(5, "as of SURFACE; with FROM_EYE")},
-    flags={**SURFACE_FLAGS, "FROM_EYE": "reflects what the eye sees, not what rays met"},
+    flags={
+        **SURFACE_FLAGS,
+        **ADAPTIVE_FLAG,
+        "FROM_EYE": "reflects what the eye sees, not what rays met",
+        "FILTERED": "from another place in the pixel than the eye's sample, by the normal's gradient there",
+    },
     defines={**SCENE_DEFINES, **TILE_DEFINES, **SURFACE_DEFINES, **REFLECTANCE_DEFINES, **MAP_NUMBERS_DEFINE},
 )
 
@@ -245,9 +257,11 @@ ADD_REFLECTIONS = ComputeDeclaration(
     images={
         "radiance_sums": Stored("RGBA32F", "read_write", "sums over rounds of radiance and of its squared luminance"),
         "color_sums": Stored("RGBA32F", "read_write", "sums over rounds of what it is multiplied by, and of rounds that show a reflector"),
+        "settled": Stored("RGBA32F", "read_write", SETTLED),
     },
-    constants={**SIZE_CONSTANTS, **WALK_CONSTANTS},
-    defines={**TILE_DEFINES, **LUMINANCE_DEFINES},
+    constants={**SIZE_CONSTANTS, **WALK_CONSTANTS, "round_number": Constant("int", "rounds that are in the sums")},
+    flags=ADAPTIVE_FLAG,
+    defines={**TILE_DEFINES, **LUMINANCE_DEFINES, "ADAPTIVE_STEP": ADAPTIVE_STEP},
 )
 
 SHOW_REFLECTIONS = ComputeDeclaration(
@@ -275,8 +289,10 @@ REFLECTION_ERROR = ComputeDeclaration(
     textures={
         "radiance_sums": Sampled("sampler2D", "sums over rounds of radiance and of its squared luminance"),
         "color_sums": Sampled("sampler2D", "sums over rounds of what it is multiplied by, and of rounds that show a reflector"),
+        "settled": Sampled("sampler2D", SETTLED),
     },
     images={"tile_sums": Stored("RGBA32F", "write", "sum of squared errors and number of pixels that show a reflector of every tile")},
     constants={**SIZE_CONSTANTS, "round_count": Constant("int", "rounds in the sums")},
+    flags=ADAPTIVE_FLAG,
     defines=LUMINANCE_DEFINES,
 )

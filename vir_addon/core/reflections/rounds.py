@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from ..scene import SceneSnapshot
-from ..settings import Settings
+from ..settings import ReflectionFilter, Settings
 
 MAX_ROUNDS_PER_BATCH = 4
 """Each keeps a G-buffer for every bounce until the batch's lights are through."""
@@ -45,7 +45,7 @@ def plan_rounds(
     batch_count: what the lights call for; view_counts: of the lights; eye_samples_of: how many of each of so many batches shadows call for,
     which are rounds as well, if there is memory for them
     """
-    rounds, kept_bounces = min(math.ceil(settings.reflection_sample_count / batch_count), MAX_ROUNDS_PER_BATCH), bounces
+    rounds, kept_bounces = min(math.ceil(settings.reflection_sample_count / batch_count), _most_rounds(settings)), bounces
     while rounds > 1 and hits_mib(snapshot, rounds, bounces) > MAX_HITS_MIB:
         rounds -= 1
     wanted = math.ceil(settings.reflection_sample_count / rounds)
@@ -63,6 +63,14 @@ def plan_rounds(
     elif needed_mib > MAX_HITS_MIB:
         note = f"what rays of reflections meet takes {needed_mib:.0f} MiB at this resolution"
     return ReflectionRounds(batch_count, rounds, kept_bounces, note)
+
+
+def _most_rounds(settings: Settings) -> int:
+    """of a batch"""
+    count = settings.reflection_sample_count
+    if settings.reflection_filter is ReflectionFilter.POISSON and count % MAX_ROUNDS_PER_BATCH and count % (MAX_ROUNDS_PER_BATCH + 1) == 0:
+        return MAX_ROUNDS_PER_BATCH + 1  # 25 as published, not 28
+    return MAX_ROUNDS_PER_BATCH
 
 
 def least_ray_batches(sample_count: int, batch_count: int) -> int:

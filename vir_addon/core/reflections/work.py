@@ -39,8 +39,8 @@ from ..passes.surface_data import SurfaceData
 from ..passes.tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
 from ..picture import Shown
 from ..plan import RenderPlan
-from ..sampling import shuffled_unit_square_points, stable_seed
-from ..settings import ReflectionLookUp, ReflectionMethod
+from ..sampling import pixel_offsets, poisson_offsets, shuffled_unit_square_points, stable_seed
+from ..settings import ADAPTIVE_STEP, RECURSIVE_SAMPLES, ReflectionFilter, ReflectionLookUp, ReflectionMethod
 from ..steps import HostWork, Steps, compiling
 from ..stopwatch import Stopwatch
 from .reflector_passes import ReflectorPasses
@@ -94,6 +94,16 @@ class ReflectionWork:
         self.samples = np.stack(sequences, axis=1).reshape(round_count, 2, planned.bounces, 2)
         """of facets and of directions that light comes from: (rounds, 2, bounces, 2)"""
         snapshot = surfaces.snapshot
+        self.filter = plan.settings.reflection_filter
+        self.is_adaptive = self.filter is ReflectionFilter.ADAPTIVE
+        self.places_px = np.zeros((round_count, 2))
+        """(rounds, 2) where in their pixels rays are from, but for those that are from where the eye's samples are"""
+        if self.filter is not ReflectionFilter.EYE:
+            self.places_px = poisson_offsets(snapshot.pixel_filter, round_count)
+        self.offsets_px = pixel_offsets(snapshot.pixel_filter, plan.eye_sample_count)
+        self.recursive_rounds = _recursive_rounds(self.filter, round_count)
+        self._followed = [0] * len(parts)
+        """bounces of each part's round"""
         is_bright = snapshot.world is not None and max(snapshot.world.radiance) > 0
         self.has_surroundings = is_bright or surfaces.has_emission
         """Something but lights lights surfaces."""
@@ -122,6 +132,7 @@ class ReflectionWork:
                     hits = Hits(part, GBuffer(texture(), normals), seen_from, texture(), texture(), texture())
                     self.hits[part].append(hits)
                     seen_from = hits.buffer.positions
+            self.settled = owned.own(self.device.upload_texture(zeros if self.is_adaptive else zeros[:1, :1]))
             self.sums = {name: owned.own(self.device.upload_texture(zeros)) for name in ("radiance_sums", "color_sums")}
             # made beforehand: errors are asked for when a render is closed, also one that ended because there is no memory
             tiles = (-(-width // ERROR_TILE_PX), -(-height // ERROR_TILE_PX))
@@ -171,7 +182,8 @@ class ReflectionWork:
             with stopwatch.stage("read-back"):
                 waiting = np.zeros(len(self.scene_data.snapshot.instances), bool)
                 waiting[np.concatenate([each.instances for each in self.planned.waiting])] = True
-                hits = SeenPlaces([self.read_hits(hits)[0] for part in self.hits for hits in part[:-1]], waiting, len(self.hits))
+                places = [self.read_hits(hits)[0] for hits in self.all_hits if hits is not self.hits[hits.part][-1]]
+                hits = SeenPlaces(places, waiting, len(self.hits))
             settings = memory_for_maps(self.device, self.plan.settings)
             met = self.planned, self.scene_data.snapshot, self.plan.bounds, settings, hits
             planned: PlannedReflections = yield stopwatch.host_work("fit", with_met, *met)
@@ -205,8 +217,9 @@ class ReflectionWork:
         """Rays of a batch's eye samples, kernel by kernel: some take a second to compile. offsets: numbers of their sub-pixel offsets"""
         for part, offset in enumerate(offsets):
             seen = {**self.eye.buffers[part]._asdict(), "surfaces": self.eye.triangles[part]}
-            for bounce, hits in enumerate(self.hits[part]):
-                round_number = batch * len(offsets) + part
+            round_number = batch * len(offsets) + part
+            self._followed[part] = self.planned.bounces if self.recursive_rounds[round_number] else 1
+            for bounce, hits in enumerate(self.hits[part][: self._followed[part]]):
                 yield from stopwatch.stages("reflect", self._tracing(seen, hits, bounce, offset, round_number))
                 seen = {**hits.buffer._asdict(), "surfaces": self.surfaces}
 
@@ -215,8 +228,10 @@ class ReflectionWork:
         flags = ["BY_DIRECTION"] * (self.plan.settings.reflection_look_up is ReflectionLookUp.DIRECTION)
         part = hits.part
         facet, light = self.samples[round_number % len(self.samples), :, bounce]
+        place_px = self.places_px[round_number % len(self.places_px)] - self.offsets_px[offset]
+        how = [] if bounce else ["FROM_EYE", *["FILTERED"] * (self.filter is not ReflectionFilter.EYE), *self._adaptive_flags]
         yield from self._walking(
-            (yield from compiling(self.device, REFLECT, *self.materials.flags, *["FROM_EYE"] * (bounce == 0))),
+            (yield from compiling(self.device, REFLECT, *self.materials.flags, *how)),
             **self.scene_data.bindings,
             **self.materials.bindings,
             **seen,
@@ -227,6 +242,10 @@ class ReflectionWork:
             bounce=bounce,
             sample_x=facet[0],
             sample_y=facet[1],
+            place_x=place_px[0],
+            place_y=place_px[1],
+            share=len(self.recursive_rounds) / self.recursive_rounds.sum() if bounce == 1 else 1.0,
+            settled=self.settled,
             eye=self.eye.eye_table(offset),
         )
         yield
@@ -302,6 +321,18 @@ class ReflectionWork:
         self.statistics.by_direction_share = float(counts[REFLECTED_BY_DIRECTION] / max(ray_count, 1))
         self.statistics.left_share = float((counts[REFLECTED_NOTHING] + counts[REFLECTED_OUT_OF_VIEW]) / max(ray_count, 1))
 
+    @property
+    def _adaptive_flags(self) -> list[str]:
+        return ["ADAPTIVE"] * self.is_adaptive
+
+    def mean_ray_count(self) -> float:
+        """First rays of a pixel that shows a reflector, so far."""
+        if not self.is_adaptive:
+            return float(self.round_count)
+        shown = self.device.read(self.sums["color_sums"])[..., 3] > 0
+        settled = self.device.read(self.settled)[shown, 0]
+        return float(np.where(settled > 0, settled, self.round_count).mean()) if len(settled) else 0.0
+
     def read_hits(self, hits: Hits) -> tuple[np.ndarray, np.ndarray]:
         """(height, width, 4) positions and normals; what lies outside of the tiles was never written, and is background"""
         width, height = self.size
@@ -334,8 +365,9 @@ class ReflectionWork:
 
     @property
     def all_hits(self) -> Iterator[Hits]:
-        for part in self.hits:
-            yield from part
+        """Of the current batch."""
+        for part, followed in zip(self.hits, self._followed, strict=True):
+            yield from part[:followed]
 
     def adding_light(self, hits: Hits, flags: list[str], **light: object) -> Generator[None, None, None]:
         """flags, light: of LIGHT_HITS"""
@@ -354,11 +386,11 @@ class ReflectionWork:
         """All lights are in: add the batch's rounds to the passes."""
         width, height = self.size
         with stopwatch.stage("reflect"):
+            kernel = self.device.compute_kernel(ADD_REFLECTIONS, *self._adaptive_flags)
             for part, (radiances, colors) in enumerate(zip(self.radiances, self.colors, strict=True)):
+                sums = {**self.sums, "settled": self.settled, "round_number": self.round_count}
+                self.tiles.dispatch(kernel, width=width, height=height, radiances=radiances, colors=colors, **sums)
                 self.round_count += 1
-                self.tiles.dispatch(
-                    self.device.compute_kernel(ADD_REFLECTIONS), width=width, height=height, radiances=radiances, colors=colors, **self.sums
-                )
                 if self.plan.settings.per_reflector:
                     self._add_to_reflectors(part)
 
@@ -389,9 +421,10 @@ class ReflectionWork:
         if self.round_count < 2:
             return math.inf
         width, height = self.size
-        self.device.compute_kernel(REFLECTION_ERROR).dispatch_grid(
+        self.device.compute_kernel(REFLECTION_ERROR, *self._adaptive_flags).dispatch_grid(
             (self._error_sums.width, self._error_sums.height),
             **self.sums,
+            settled=self.settled,
             tile_sums=self._error_sums,
             width=width,
             height=height,
@@ -410,3 +443,15 @@ class ReflectionWork:
     def release(self) -> None:
         self.tiles.release()
         self._owned.close()
+
+
+def _recursive_rounds(kind: ReflectionFilter, round_count: int) -> np.ndarray:
+    """(round_count,) bool: whose rays go on from what they met"""
+    follows = np.ones(round_count, bool)
+    if kind is ReflectionFilter.POISSON and round_count > RECURSIVE_SAMPLES:
+        follows[:] = False
+        follows[np.arange(RECURSIVE_SAMPLES) * round_count // RECURSIVE_SAMPLES] = True
+    elif kind is ReflectionFilter.ADAPTIVE:
+        # as large a share of them, whenever a pixel settles
+        follows = np.arange(round_count) % ADAPTIVE_STEP == 0
+    return follows
