@@ -14,3 +14,10 @@ vec3 in_face(int face, vec3 p) {
     int axis = face >> 1;
     return axis == 0 ? vec3(p.y, p.z, side * p.x) : axis == 1 ? vec3(p.z, p.x, side * p.y) : vec3(p.x, p.y, side * p.z);
 }
+
+// And back.
+vec3 from_face(int face, vec3 p) {
+    float side = (face & 1) == 0 ? 1.0 : -1.0;
+    int axis = face >> 1;
+    return axis == 0 ? vec3(side * p.z, p.x, p.y) : axis == 1 ? vec3(p.y, side * p.z, p.x) : vec3(p.x, p.y, side * p.z);
+}

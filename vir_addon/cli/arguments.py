@@ -257,8 +257,9 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         "--reflection-look-up",
         type=partial(_parse_choice, ReflectionLookUp),
         default=defaults.reflection_look_up,
-        metavar="march|direction",
-        help="follow rays through the depths of reflectors' maps (default), or look them up by direction as published: things slide",
+        metavar="march|direction|shaded",
+        help="follow rays through the depths of reflectors' maps (default), or look them up by direction as published: things slide; "
+        "shaded: the same in cubes that are shaded whole and mip-mapped, the papers' baseline",
     )
     parser.add_argument("--resolution", type=parse_resolution, metavar="960x540", help="of the picture; default: the scene's")
 

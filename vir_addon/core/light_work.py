@@ -385,9 +385,11 @@ class LightWork(Shared):
 
     def _lighting_hits(self, reflections: ReflectionWork, hits: Hits, index: int, look_up: dict[str, Any]) -> Generator[None, None, None]:
         """Look what reflectors show up in the maps of a face. look_up: of the hits' eye sample"""
-        tiles = reflections.lit_tiles(FIRST_FACE if index == 0 else 0)
+        tiles = reflections.lit_tiles(FIRST_FACE if index == 0 else 0, hits)
+        width, height = hits.buffer.positions.width, hits.buffer.positions.height
         kernel = yield from self._compiling()
-        yield from tiles.walking(kernel, **self._bound({**look_up, **hits.buffer._asdict(), "batch_sums": hits.sums}))
+        look_up_of_hits = {**look_up, **hits.buffer._asdict(), "batch_sums": hits.sums, "width": width, "height": height}
+        yield from tiles.walking(kernel, **self._bound(look_up_of_hits))
         if index == len(self.mapped) - 1:
             points = self._light_points(look_up)
             yield from reflections.adding_light(

@@ -158,6 +158,8 @@ class ReflectionStatistics:
     """those whose surface was hidden from the map's centre: they show what lies in their direction"""
     left_share: float = 0.0
     """those that left the scene and show the world"""
+    shaded_count: int = 0
+    """surfaces that are shaded for an eye sample: those that its rays met, or all that whole shaded cubes see"""
     rays_per_pixel: float = 0.0
     """that shows a reflector, of the first bounce; fewer than asked for where their number adapts"""
     error_estimate: float = 0.0

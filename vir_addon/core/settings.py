@@ -76,6 +76,8 @@ class ReflectionLookUp(enum.Enum):
     """Rays are followed through the depths of a reflector's map."""
     DIRECTION = "direction"
     """Maps are looked up as if all were infinitely far away, as published."""
+    SHADED = "shaded"
+    """So are cubes that are shaded whole before, and mip-mapped: the papers' baseline. One bounce, no mirrored views."""
 
 
 class ReflectionFilter(enum.Enum):
@@ -190,6 +192,11 @@ class Settings:
     """what will render: front ends ask the device (`core.plan.settings_for`)"""
 
     @property
+    def has_mirrored_views(self) -> bool:
+        """Whether flat reflectors may have one."""
+        return self.planar and self.reflection_look_up is not ReflectionLookUp.SHADED
+
+    @property
     def is_adaptive(self) -> bool:
         """Whether tiles settle."""
         return self.resolve is Resolve.ADAPTIVE or (self.resolve is Resolve.AUTO and self.hardware is Hardware.SOFTWARE)
@@ -230,6 +237,8 @@ class Settings:
             raise UsageError(f"choose at least one effect: {', '.join(effect.value for effect in Effect)}")
         if self.bounces is not None and not 1 <= self.bounces <= MAX_BOUNCES:
             raise UsageError(f"reflections may bounce 1 to {MAX_BOUNCES} times, not {self.bounces}")
+        if self.reflection_look_up is ReflectionLookUp.SHADED and self.bounces not in (None, 1):
+            raise UsageError(f"shaded cubes show one bounce, not {self.bounces}: choose another look-up for more")
         if not 1 <= self.reflection_sample_count <= MAX_REFLECTION_SAMPLES:
             raise UsageError(f"reflections take 1 to {MAX_REFLECTION_SAMPLES} samples of a pixel, not {self.reflection_sample_count}")
         if self.per_reflector and self.reflection_filter is ReflectionFilter.ADAPTIVE:

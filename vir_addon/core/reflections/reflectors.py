@@ -13,7 +13,7 @@ from ..material import Material
 from ..material_program import typical_value
 from ..passes.reflection_maps import BYTES_PER_TEXEL, FURTHER_MAPS, MAP_SIZE_STEP_PX, ReflectionMap
 from ..scene import SceneSnapshot
-from ..settings import Settings
+from ..settings import ReflectionLookUp, Settings
 from .map_methods import with_methods
 from .seen_places import Candidate, SeenPlaces, near_each_other
 from .views import (
@@ -152,7 +152,8 @@ def choose_reflectors(
             others.append((name, own, bool(in_picture[own].any())))
     groups, left_out = _sharing_maps(snapshot, candidates)
     # a single one has nothing to see itself in
-    bounces = settings.bounces or (DEFAULT_BOUNCES if len(groups) > 1 else 1)
+    most_bounces = 1 if settings.reflection_look_up is ReflectionLookUp.SHADED else DEFAULT_BOUNCES
+    bounces = settings.bounces or (most_bounces if len(groups) > 1 else 1)
     found = [
         _plan_group(snapshot, bounds, group, settings, is_measured=seen is not None)
         if len(group) > 1
@@ -273,7 +274,7 @@ def _plan_reflector(
     covered_px = covered_size_px(snapshot, corners)
     reason = f"{candidate.ray_count} px in the picture" if is_measured else f"{covered_px[0]} x {covered_px[1]} px in the picture"
     side_px = settings.reflection_cube_px or cube_size_px(max(covered_px))
-    plane = flat_plane(snapshot, own) if settings.planar else None
+    plane = flat_plane(snapshot, own) if settings.has_mirrored_views else None
     if snapshot.camera.is_orthographic:
         reason += "; a parallel camera has neither mirrored views nor views of reflectors themselves"
     if plane is not None and not snapshot.camera.is_orthographic:
@@ -293,14 +294,14 @@ def _plan_reflector(
     own_cubes: tuple[ReflectionMap, ...] = ()
     # cubes of itself serve rays from everywhere, so they do not come and go with the eye
     is_convex, is_convex_to_eye = convexity(snapshot, own)
-    if not is_convex:
+    if not is_convex and settings.reflection_look_up is not ReflectionLookUp.SHADED:
         own_cubes = cubes_of_itself(snapshot, bounds, own, min(side_px, ASIDE_MAP_PX))
         if own_cubes and not is_convex_to_eye and not snapshot.camera.is_orthographic:
             itself = eye_view(snapshot, bounds, own)
         if own_cubes:
             reason += f"; not convex: {'' if itself is None else 'a view and '}cubes of itself besides"
     met = seen if bounces > 1 else None
-    plane = main_plane(snapshot, own) if settings.planar and not snapshot.camera.is_orthographic else None
+    plane = main_plane(snapshot, own) if settings.has_mirrored_views and not snapshot.camera.is_orthographic else None
     view = None if plane is None else mirrored_view(snapshot, bounds, own, plane)
     if view is not None:
         reason += "; mostly flat: a mirrored view besides"

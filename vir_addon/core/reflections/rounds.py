@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from ..scene import SceneSnapshot
-from ..settings import ReflectionFilter, Settings
+from ..settings import ReflectionFilter, ReflectionLookUp, Settings
 
 MAX_ROUNDS_PER_BATCH = 4
 """Each keeps a G-buffer for every bounce until the batch's lights are through."""
@@ -68,6 +68,8 @@ def plan_rounds(
 def _most_rounds(settings: Settings) -> int:
     """of a batch"""
     count = settings.reflection_sample_count
+    if settings.reflection_look_up is ReflectionLookUp.SHADED:
+        return 1  # what is shaded is looked up when all lights are in
     if settings.reflection_filter is ReflectionFilter.POISSON and count % MAX_ROUNDS_PER_BATCH and count % (MAX_ROUNDS_PER_BATCH + 1) == 0:
         return MAX_ROUNDS_PER_BATCH + 1  # 25 as published, not 28
     return MAX_ROUNDS_PER_BATCH

@@ -35,6 +35,7 @@ from ..passes.reflections import (
     SHOW_REFLECTIONS,
 )
 from ..passes.scene_data import SceneData
+from ..passes.shaded_maps import LOOK_UP_SHADED, TEXEL_SURFACES, ShadedMaps
 from ..passes.surface_data import SurfaceData
 from ..passes.tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
 from ..picture import Shown
@@ -67,6 +68,8 @@ class Hits:
     glosses: Texture
     sums: Texture
     """what a light brings, as RESOLVE sums it over faces"""
+    texels: ShadedMaps | None = None
+    """where they are those of maps, not of rays"""
 
 
 class ReflectionWork:
@@ -140,8 +143,10 @@ class ReflectionWork:
             owned.callback(self._forget_maps)
             self._use(planned)
             self.tiles = Tiles(self.device, np.ones(self.tiles_shown.shape, bool))
+            self.texel_hits: Hits | None = None
+            """where maps are shaded whole"""
             self._owned = owned.pop_all()
-        self._lit_tiles: dict[int, Tiles] = {}
+        self._lit_tiles: dict[tuple[int, bool], Tiles] = {}
 
     def drawing_maps(self, stopwatch: Stopwatch) -> Steps:
         return stopwatch.stages("reflection maps", self._drawing())
@@ -176,6 +181,10 @@ class ReflectionWork:
         """Draw maps and trace the first batch: what shows of other reflectors decides which of these have maps. offsets: as of `tracing`"""
         while True:
             yield from self.drawing_maps(stopwatch)
+            if self.plan.settings.reflection_look_up is ReflectionLookUp.SHADED:
+                yield from compiling(self.device, TEXEL_SURFACES)
+                with stopwatch.stage("reflection maps"):
+                    self._shade_texels()
             yield from self.tracing(offsets, 0, stopwatch)
             if self.planned.bounces == 1 or not self.planned.waiting:
                 break
@@ -206,12 +215,22 @@ class ReflectionWork:
         self.tiles.release()
         self.tiles = tiles
 
-    def lit_tiles(self, turn: int) -> Tiles:
-        """The same tiles for RESOLVE. turn: as of TURN_DEFINES"""
-        if turn not in self._lit_tiles:
-            numbers = np.broadcast_to((float(turn), 0.0), (*self.tiles_shown.shape, 2))
-            self._lit_tiles[turn] = self._owned.own(Tiles(self.device, self.tiles_shown, numbers))
-        return self._lit_tiles[turn]
+    def _shade_texels(self) -> None:
+        """From now on what the maps for what the eye sees show is what lights are looked up for."""
+        own = self.planned.instance_maps(len(self.scene_data.snapshot.instances))[:, 0]
+        texels = self._owned.own(ShadedMaps(self.maps, {int(number) for number in own if number >= 0}))
+        texels.find_surfaces()
+        buffer = GBuffer(texels.positions, texels.normals)
+        self.texel_hits = Hits(0, buffer, texels.rays["ray_origins"], texels.scatterings, texels.glosses, texels.sums, texels)
+
+    def lit_tiles(self, turn: int, hits: Hits) -> Tiles:
+        """The hits' tiles for RESOLVE. turn: as of TURN_DEFINES"""
+        key = turn, hits.texels is None
+        if key not in self._lit_tiles:
+            shown = self.tiles_shown if hits.texels is None else hits.texels.is_used
+            numbers = np.broadcast_to((float(turn), 0.0), (*shown.shape, 2))
+            self._lit_tiles[key] = self._owned.own(Tiles(self.device, shown, numbers))
+        return self._lit_tiles[key]
 
     def tracing(self, offsets: list[int], batch: int, stopwatch: Stopwatch) -> Steps:
         """Rays of a batch's eye samples, kernel by kernel: some take a second to compile. offsets: numbers of their sub-pixel offsets"""
@@ -219,14 +238,14 @@ class ReflectionWork:
             seen = {**self.eye.buffers[part]._asdict(), "surfaces": self.eye.triangles[part]}
             round_number = batch * len(offsets) + part
             self._followed[part] = self.planned.bounces if self.recursive_rounds[round_number] else 1
-            for bounce, hits in enumerate(self.hits[part][: self._followed[part]]):
+            for bounce, hits in enumerate(self._hits_of(part)):
                 yield from stopwatch.stages("reflect", self._tracing(seen, hits, bounce, offset, round_number))
                 seen = {**hits.buffer._asdict(), "surfaces": self.surfaces}
 
     def _tracing(self, seen: dict[str, Texture], hits: Hits, bounce: int, offset: int, round_number: int) -> Generator[None, None, None]:
         """seen: the surfaces that reflect"""
-        flags = ["BY_DIRECTION"] * (self.plan.settings.reflection_look_up is ReflectionLookUp.DIRECTION)
-        part = hits.part
+        flags = ["BY_DIRECTION"] * (self.plan.settings.reflection_look_up is not ReflectionLookUp.MARCH)
+        part, texels = hits.part, hits.texels
         facet, light = self.samples[round_number % len(self.samples), :, bounce]
         place_px = self.places_px[round_number % len(self.places_px)] - self.offsets_px[offset]
         how = [] if bounce else ["FROM_EYE", *["FILTERED"] * (self.filter is not ReflectionFilter.EYE), *self._adaptive_flags]
@@ -249,29 +268,30 @@ class ReflectionWork:
             eye=self.eye.eye_table(offset),
         )
         yield
-        seen = {**hits.buffer._asdict(), "surfaces": self.surfaces}
-        yield from self._walking(
-            (yield from compiling(self.device, MARCH_REFLECTIONS, *flags)),
-            **self.scene_data.bindings,
-            **self.maps.bindings,
-            **seen,
-            corner_normals=self.scene_data.corner_normals,
-            ray_origins=self.rays["ray_origins"],
-            ray_directions=self.rays["ray_directions"],
-            throughputs=self.rays["throughputs"],
-        )
-        yield
+        rays, radiances = (self.rays, self.radiances[part]) if texels is None else (texels.rays, texels.radiances)
+        seen = {**hits.buffer._asdict(), "surfaces": self.surfaces if texels is None else texels.surfaces}
+        if texels is None:
+            yield from self._walking(
+                (yield from compiling(self.device, MARCH_REFLECTIONS, *flags)),
+                **self.scene_data.bindings,
+                **self.maps.bindings,
+                **seen,
+                **rays,
+                corner_normals=self.scene_data.corner_normals,
+            )
+            yield
         yield from self._walking(
             (yield from compiling(self.device, HIT_MATERIALS, *self.materials.flags, *self.materials.world_flags)),
+            texels,
             **self.scene_data.bindings,
             **self.materials.bindings,
             **seen,
-            ray_directions=self.rays["ray_directions"],
-            throughputs=self.rays["throughputs"],
+            ray_directions=rays["ray_directions"],
+            throughputs=rays["throughputs"],
             instance_maps=self.instance_maps,
             scatterings=hits.scatterings,
             glosses=hits.glosses,
-            radiances=self.radiances[part],
+            radiances=radiances,
             bounce=bounce,
         )
         if not self._is_counted:
@@ -283,10 +303,10 @@ class ReflectionWork:
             **self.materials.bindings,
             **self.maps.bindings,
             **hits.buffer._asdict(),
-            **self.rays,
+            **rays,
             "scatterings": hits.scatterings,
             "glosses": hits.glosses,
-            "radiances": self.radiances[part],
+            "radiances": radiances,
             "emitters": self.emitters,
             "bounce": bounce + self.planned.bounces,
             "is_last": int(bounce == self.planned.bounces - 1),
@@ -295,23 +315,32 @@ class ReflectionWork:
         }
         yield
         shown = [*self.materials.world_flags, *self.materials.emission_flags, *["EMISSION"] * self.materials.has_emission]
-        yield from self._walking((yield from compiling(self.device, LIGHT_BY_SURROUNDINGS, *shown, *flags)), **around)
+        yield from self._walking((yield from compiling(self.device, LIGHT_BY_SURROUNDINGS, *shown, *flags)), texels, **around)
         if self.emitter_count:
             yield
             yield from self._walking(
                 (yield from compiling(self.device, LIGHT_BY_EMITTERS, *self.materials.emission_flags)),
+                texels,
                 **around,
                 instance_count=len(self.scene_data.snapshot.instances),
                 emitter_count=self.emitter_count,
             )
 
-    def _walking(self, kernel: ComputeKernel, **bindings: object) -> Generator[None, None, None]:
-        width, height = self.size
-        return self.tiles.walking(kernel, width=width, height=height, **bindings)
+    def _walking(self, kernel: ComputeKernel, texels: ShadedMaps | None = None, /, **bindings: object) -> Generator[None, None, None]:
+        """The picture, or texels of maps."""
+        walked = self if texels is None else texels
+        width, height = walked.size
+        return walked.tiles.walking(kernel, width=width, height=height, **bindings)
 
     def _count_found(self) -> None:
         """What became of the first rays, those of one eye sample."""
         self._is_counted = True
+        if self.texel_hits is not None and self.texel_hits.texels is not None:
+            maps = self.device.read(self.rays["ray_origins"])[..., 3]
+            self.statistics.ray_count = int((maps[spread_to_pixels(self.tiles_shown, *self.size)] >= 0).sum())
+            self.statistics.by_direction_share = 1.0
+            self.statistics.shaded_count = self.texel_hits.texels.shaded_count
+            return
         found = self.device.read(self.surfaces)[..., 3].astype(np.int64)
         shown = found[spread_to_pixels(self.tiles_shown, *self.size)]
         counts = np.bincount(shown, minlength=5)
@@ -319,6 +348,7 @@ class ReflectionWork:
         self.statistics.ray_count = ray_count
         self.statistics.found_share = float(counts[REFLECTED_SURFACE] / max(ray_count, 1))
         self.statistics.by_direction_share = float(counts[REFLECTED_BY_DIRECTION] / max(ray_count, 1))
+        self.statistics.shaded_count = int(counts[REFLECTED_SURFACE] + counts[REFLECTED_BY_DIRECTION])
         self.statistics.left_share = float((counts[REFLECTED_NOTHING] + counts[REFLECTED_OUT_OF_VIEW]) / max(ray_count, 1))
 
     @property
@@ -335,6 +365,8 @@ class ReflectionWork:
 
     def read_hits(self, hits: Hits) -> tuple[np.ndarray, np.ndarray]:
         """(height, width, 4) positions and normals; what lies outside of the tiles was never written, and is background"""
+        if hits.texels is not None:
+            return self.device.read(hits.buffer.positions), self.device.read(hits.buffer.normals)
         width, height = self.size
         positions = self.device.read(hits.buffer.positions).copy()
         positions[~spread_to_pixels(self.tiles_shown, width, height)] = (0.0, 0.0, 0.0, -1.0)
@@ -366,19 +398,23 @@ class ReflectionWork:
     @property
     def all_hits(self) -> Iterator[Hits]:
         """Of the current batch."""
-        for part, followed in zip(self.hits, self._followed, strict=True):
-            yield from part[:followed]
+        for part in range(len(self.hits)):
+            yield from self._hits_of(part)
+
+    def _hits_of(self, part: int) -> list[Hits]:
+        return self.hits[part][: self._followed[part]] if self.texel_hits is None else [self.texel_hits]
 
     def adding_light(self, hits: Hits, flags: list[str], **light: object) -> Generator[None, None, None]:
         """flags, light: of LIGHT_HITS"""
         yield from self._walking(
             (yield from compiling(self.device, LIGHT_HITS, *flags)),
+            hits.texels,
             **hits.buffer._asdict(),
             seen_from=hits.seen_from,
             scatterings=hits.scatterings,
             glosses=hits.glosses,
             batch_sums=hits.sums,
-            radiances=self.radiances[hits.part],
+            radiances=self.radiances[hits.part] if hits.texels is None else hits.texels.radiances,
             **light,
         )
 
@@ -386,6 +422,12 @@ class ReflectionWork:
         """All lights are in: add the batch's rounds to the passes."""
         width, height = self.size
         with stopwatch.stage("reflect"):
+            if self.texel_hits is not None and self.texel_hits.texels is not None:
+                texels = self.texel_hits.texels
+                texels.make_levels()
+                of_maps = {"map_headers": self.maps.headers, "shaded": texels.radiances}
+                kernel = self.device.compute_kernel(LOOK_UP_SHADED)
+                self.tiles.dispatch(kernel, width=width, height=height, **of_maps, **self.rays, radiances=self.radiances[0])
             kernel = self.device.compute_kernel(ADD_REFLECTIONS, *self._adaptive_flags)
             for part, (radiances, colors) in enumerate(zip(self.radiances, self.colors, strict=True)):
                 sums = {**self.sums, "settled": self.settled, "round_number": self.round_count}
