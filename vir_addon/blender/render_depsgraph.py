@@ -156,7 +156,8 @@ def _emptied(handlers: list[Any]) -> Iterator[None]:
 def _kept_render_result() -> Iterator[None]:
     """Lets the call write its empty result into a render slot of its own, so that the user's renders stay in theirs.
 
-    Blender refuses to remove the slot that was written last, so the slot stays in the list, to be used again.
+    Blender refuses to remove the slot that was written last, so the slot stays in the list, to be used again. Where its adding is undone
+    Blender (5.2.2, also without this extension) does not free the picture in it, and says so when it quits.
     """
     image = _find_render_result()
     if image is None:
