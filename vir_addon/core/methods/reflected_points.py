@@ -134,7 +134,10 @@ class ReflectedPoints:
             self._limits = min(budget_texels // TEXELS_PER_TRIANGLE, MAX_TRIANGLES), budget_texels // TEXELS_PER_POINT
             self.counters = temporary.own(self.device.create_texture(COUNTER_COUNT, 1, TextureFormat.R32UI))
             self.triangles = temporary.own(LinearStore(self.device, TEXELS_PER_TRIANGLE * min(self.work.triangle_count, self._limits[0])))
+            # drivers clear what they hand out: a tenth of a second for a large list
+            yield
             self.points = temporary.own(LinearStore(self.device, TEXELS_PER_POINT * FIRST_POINT_CAPACITY))
+            yield
             self.tiles = temporary.own(LinearStore(self.device, FIRST_TILE_CAPACITY))
             self._cloud_table = self._table(cubes, np.zeros(len(cubes), np.int64))
             self._cloud_cube_count = len(cubes)
