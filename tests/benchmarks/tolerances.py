@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -60,13 +60,13 @@ def look_up_with(work: LightWork, declarations: list[ComputeDeclaration], owned:
     accumulators = [owned.own(PassAccumulator(device, width, height)) for _ in declarations]
     zeros = np.zeros((height, width, 4), np.float32)
     batch_sums = [[owned.own(device.upload_texture(zeros)) for _ in work.store.batch_sums] for _ in declarations]
-    resolve = work._resolve
+    looking_up = work._looking_up
 
-    def resolve_with_each(part: int, turns: np.ndarray, look_up: dict[str, Any]) -> None:
+    def looking_up_with_each(part: int, turns: np.ndarray, look_up: dict[str, Any]) -> Generator[None, None, None]:
         for work.look_up, accumulator, sums in zip(declarations, accumulators, batch_sums, strict=True):
-            resolve(part, turns, {**look_up, "round_sums": accumulator.round_sums, "batch_sums": sums[part]})
+            yield from looking_up(part, turns, {**look_up, "round_sums": accumulator.round_sums, "batch_sums": sums[part]})
 
-    work._resolve = resolve_with_each  # type: ignore[method-assign]
+    work._looking_up = looking_up_with_each  # type: ignore[method-assign]
     return accumulators
 
 

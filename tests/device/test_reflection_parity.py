@@ -18,6 +18,7 @@ from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.plan import plan
 from vir_addon.core.render import Renderer
 from vir_addon.core.settings import Effect, ReflectionMethod, Settings
+from vir_addon.core.steps import run_steps
 from vir_addon.device.owned import Owned
 
 
@@ -82,6 +83,7 @@ def test_software_rasterizers_pause_between_portions_of_the_eyes_triangles(devic
     with Owned() as owned:
         scene_data = owned.own(SceneData(scene, device))
         eye_pass = owned.own(eye.EyePass(scene_data, compute_bounds(scene), np.zeros((2, 2))))
+        run_steps(eye_pass.rendering([1], batch=0))  # kernels are translated, which takes a pause of its own
         rasterize, drawn = eye_pass.rasterize.draw, []
         monkeypatch.setattr(
             eye_pass.rasterize,
