@@ -17,6 +17,7 @@ from tests.scenes import (
     leaves,
     perspective_camera,
     point_light,
+    render_pass,
     render_passes,
     scaled,
     snapshot,
@@ -190,3 +191,16 @@ def test_permuted_triangles_are_the_same_bits(device, method, camera):
         for name, image in first.items():
             assert 0.1 < image.mean() < 0.9
             np.testing.assert_array_equal(image, second[name])
+
+
+@pytest.mark.parametrize("clip_end_m", [30.0, 1e3, 1e5])
+def test_permuted_objects_are_the_same_bits_to_orthographic_cameras(device, clip_end_m):
+    """Also where the clip range is so long that all depths are next to 0."""
+    camera = dataclasses.replace(camera_from_above((0.0, 0.0), 4.0, WIDTH, HEIGHT, 10.0), clip_start_m=0.1, clip_end_m=clip_end_m)
+    objects = [floor(3.0), bumpy_sphere("ball", (0.0, 0.0, 1.0), 0.8, 40)]
+    first, second = (
+        render_pass(snapshot(order, LIGHTS["area"][:1], camera, WIDTH, HEIGHT), device, view_count=VIEWS, map_resolution_px=256)
+        for order in (objects, objects[::-1])
+    )
+    np.testing.assert_array_equal(first, second)
+    assert first[HEIGHT // 2, WIDTH // 2] > 0.5 > first.min()  # the ball hides its shadow
