@@ -9,9 +9,11 @@ bpy = pytest.importorskip("bpy")
 
 from tests.blender.test_material_opacity import Nodes, square  # noqa: E402  (bpy decides whether this file runs)
 from tests.blender.test_material_surface import saved_image  # noqa: E402
-from vir_addon.blender.extract import SceneReading, snapshot  # noqa: E402
+from vir_addon.blender.extract import SceneReading, _material_readers, mesh_cache, snapshot  # noqa: E402
 from vir_addon.blender.extract.mesh_cache import MeshCache  # noqa: E402
+from vir_addon.blender.extract.scene_walk import SceneWalk  # noqa: E402
 from vir_addon.blender.materials import image_cache  # noqa: E402
+from vir_addon.blender.materials.image_cache import OutOfTimeError  # noqa: E402
 from vir_addon.core.material_program import sampled_images  # noqa: E402
 from vir_addon.core.scene import SceneSnapshot, has_same_meshes, has_same_picture  # noqa: E402
 
@@ -199,6 +201,47 @@ def test_undoing_forgets(watched, garden):
     read_count = watched.cache.read_count
     check_against_reading_everything(watched)
     assert watched.cache.read_count == 2 * read_count
+
+
+def test_viewports_that_wait_at_different_large_meshes_read_both(scene, add, monkeypatch):
+    """They take turns: one does not show the mesh that the other comes to first."""
+    monkeypatch.setattr(mesh_cache, "LARGE_MESH_CORNERS", 20)  # cubes have 24
+    for name in ("First", "Second"):
+        add.cube(name)
+    depsgraph, cache = bpy.context.evaluated_depsgraph_get(), MeshCache()
+    readers = _material_readers(depsgraph, cache, None)
+    hidden_uids = (frozenset(), frozenset({bpy.data.objects["First"].session_uid}))
+    walks, done = [SceneWalk(depsgraph, readers, uids, cache) for uids in hidden_uids], [False, False]
+    for _ in range(4):
+        for index, walk in enumerate(walks):
+            cache.begin(10.0)
+            done[index] = done[index] or walk.go_on(depsgraph)
+    assert done == [True, True] and cache.read_count == len(scene.objects) - 1  # all but the camera
+
+
+def test_a_viewport_whose_walks_end_leaves_others_what_they_were_told_of(monkeypatch):
+    """As while an animation plays."""
+    monkeypatch.setattr(mesh_cache, "LARGE_MESH_CORNERS", 20)
+    cache = MeshCache()
+    with pytest.raises(OutOfTimeError):
+        cache.find("key", "Large", 24)
+    cache.note_used(set())
+    assert cache.find("key", "Large", 24) is None
+
+
+@pytest.mark.parametrize("end", [MeshCache.forget, lambda cache: cache.note_used(set())], ids=["undone", "walk ended"])
+def test_a_large_mesh_that_goes_before_it_is_read_is_not_named_any_more(monkeypatch, end):
+    """Nor taken for told of, should another come in its place later."""
+    monkeypatch.setattr(mesh_cache, "LARGE_MESH_CORNERS", 20)
+    cache = MeshCache()
+    with pytest.raises(OutOfTimeError):
+        cache.find("key", "Gone", 24)
+    assert cache.large_name == "Gone"
+    end(cache)
+    assert cache.large_name == ""
+    end(cache)
+    with pytest.raises(OutOfTimeError):
+        cache.find("key", "Later", 24)
 
 
 @pytest.fixture

@@ -84,7 +84,9 @@ class MeshCache:
         """meshes read since this was made"""
         self.large_name = ""
         """of the large mesh's object that is read next, if one is"""
-        self._large_key: Hashable | None = None
+        self._announced: set[Hashable] = set()
+        self._announced_before: set[Hashable] = set()
+        """large meshes that have been told of and not been read, since a walk ended and before that: each viewport may wait at another"""
 
     def note_updates(self, depsgraph: bpy.types.Depsgraph) -> None:
         """From a handler that is told of an evaluation."""
@@ -106,6 +108,7 @@ class MeshCache:
     def forget(self) -> None:
         """After what comes without updates: undoing replaces everything."""
         self._meshes, self._materials, self._world = {}, None, None
+        self._announced, self._announced_before, self.large_name = set(), set(), ""
         self.images.forget_changed()
 
     def begin(self, budget_s: float = float("inf")) -> None:
@@ -127,13 +130,16 @@ class MeshCache:
         kept = keys | self._used
         self._meshes = {key: read for key, read in self._meshes.items() if key in kept}
         self._used = keys
+        # what was told of may have gone before it was read, or another viewport may wait at it still
+        self._announced, self._announced_before, self.large_name = set(), self._announced, ""
 
     def find(self, key: Hashable, name: str, corner_count: int) -> ReadMesh | None:
         """OutOfTimeError if there is nothing and no time to read it, or it is large and has not been told of. name: of the object"""
         read = self._meshes.get(key)
         if read is None:
-            if corner_count >= LARGE_MESH_CORNERS and self._large_key != key:
-                self._large_key, self.large_name = key, name
+            if corner_count >= LARGE_MESH_CORNERS and key not in self._announced | self._announced_before:
+                self._announced.add(key)
+                self.large_name = name
                 raise OutOfTimeError
             self._begin_reading()
         return read
@@ -145,7 +151,9 @@ class MeshCache:
 
     def keep(self, key: Hashable, read: ReadMesh) -> None:
         self.read_count += 1
-        self._large_key, self.large_name = None, ""
+        self.large_name = ""
+        self._announced.discard(key)
+        self._announced_before.discard(key)
         self._meshes[key] = read
 
     def material_readers(self, engine: str, override: bpy.types.Material | None) -> MaterialReaders:
