@@ -46,6 +46,14 @@ def pixels_of(image) -> np.ndarray:
     return pixels
 
 
+def full_copy_of(scene):
+    window = bpy.context.window
+    shown, window.scene = window.scene, scene
+    bpy.ops.scene.new(type="FULL_COPY")
+    copy, window.scene = window.scene, shown
+    return copy
+
+
 def refuse(operator, words):
     with pytest.raises(RuntimeError, match=words):
         operator()
@@ -525,10 +533,7 @@ def test_a_full_copy_of_a_scene_means_the_copy_of_what_the_scene_means(room, pro
     setattr(room.vir, property_name, "Key")
     for name in ("Key", "Main"):
         key.name = name
-        with bpy.context.temp_override(scene=room):
-            bpy.ops.scene.new(type="FULL_COPY")
-        copy = bpy.context.window.scene
-        bpy.context.window.scene = room
+        copy = full_copy_of(room)
         meant = named_object(copy.vir, property_name)
         assert copy is not room and meant.name == f"{name}.001" and meant.name in copy.objects
         # one that is copied within the scene is not meant, nor is any once what was meant is gone
@@ -540,6 +545,36 @@ def test_a_full_copy_of_a_scene_means_the_copy_of_what_the_scene_means(room, pro
         assert named_object(copy.vir, property_name) is None
         bpy.data.scenes.remove(copy)
     assert named_object(room.vir, property_name) == key
+
+
+def test_a_full_copy_means_the_same_once_another_property_or_copy_chooses_it_too(room):
+    room.vir.active_light = "Key"
+    copy = full_copy_of(room)
+    linked = copy.copy()
+    meant = bpy.data.objects["Key.001"]
+    copy.vir.preview_light = "Key.001"
+    assert [named_object(scene.vir, "active_light") for scene in (room, copy, linked)] == [bpy.data.objects["Key"], meant, meant]
+    # and so does a full copy of it
+    second = full_copy_of(copy)
+    assert {named_object(second.vir, name).name for name in ("active_light", "preview_light")} == {"Key.002"}
+    for scene in (copy, linked, second):
+        bpy.data.scenes.remove(scene)
+
+
+def test_a_full_copy_does_not_mean_a_duplicate_that_was_chosen_beside_its_original(room):
+    """Which carries what the original was meant as, and comes before it here."""
+    key, inner = bpy.data.objects["Key"], bpy.data.collections.new("Inner")
+    room.collection.children.link(inner)
+    inner.objects.link(key)
+    room.collection.objects.unlink(key)
+    room.vir.active_light = "Key"
+    room.collection.objects.link(key.copy())
+    room.vir.preview_light = "Key.001"
+    copy = full_copy_of(room)
+    key_of_copy, other_of_copy = (named_object(copy.vir, name) for name in ("active_light", "preview_light"))
+    assert list(copy.objects).index(other_of_copy) < list(copy.objects).index(key_of_copy)
+    assert key_of_copy.users_collection[0].name == "Inner.001"
+    bpy.data.scenes.remove(copy)
 
 
 def test_undo_brings_back_which_object_a_name_meant(room):

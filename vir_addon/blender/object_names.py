@@ -25,9 +25,10 @@ def _mark(scene: bpy.types.Scene, found: bpy.types.Object | None, name: str) -> 
     return "" if found is None else f"{_SESSION} {scene.session_uid} {found.session_uid} {name}"
 
 
-def _own_mark(uid: int) -> str:
-    """Of an object that was meant, in `Object.vir.meant`."""
-    return f"{_SESSION} {uid}"
+def _meant_uids(item: bpy.types.Object) -> list[int]:
+    """In `Object.vir.meant`: of the object if it was meant, and of those it is a copy of that were."""
+    session, *uids = item.vir.meant.split(" ")
+    return [int(uid) for uid in uids] if session == _SESSION else []
 
 
 def named_object(group: bpy.types.PropertyGroup, property_name: str) -> bpy.types.Object | None:
@@ -42,7 +43,7 @@ def named_object(group: bpy.types.PropertyGroup, property_name: str) -> bpy.type
     meant = next((item for item in objects if item.session_uid == int(uid)), None)
     if meant is None and int(scene_uid) != group.id_data.session_uid:
         # set in a scene that this one is a copy of
-        meant = next((item for item in objects if item.vir.meant == _own_mark(int(uid))), None)
+        meant = next((item for item in objects if int(uid) in _meant_uids(item)), None)
     # where it is gone, the one that has its name now
     return found if meant is None else meant
 
@@ -59,7 +60,10 @@ def mean_anew(group: bpy.types.PropertyGroup, property_name: str) -> None:
     found = group.id_data.objects.get(name)
     setattr(group, MEANT.format(property_name), _mark(group.id_data, found, name))
     if found is not None and found.library is None:
-        found.vir.meant = _own_mark(found.session_uid)
+        # other properties and scenes may still mean what it is a copy of, unless that is beside it
+        beside = {item.session_uid for item in group.id_data.objects}
+        uids = (*(uid for uid in _meant_uids(found) if uid not in beside), found.session_uid)
+        found.vir.meant = " ".join((_SESSION, *map(str, uids)))
 
 
 def write_names(groups: Sequence[bpy.types.PropertyGroup], property_names: Sequence[str]) -> None:
