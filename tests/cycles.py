@@ -46,13 +46,15 @@ def render_pair(scene: bpy.types.Scene, light: bpy.types.Object, samples: int, s
     """
     pictures, taken = [], []
     own, scene.render.use_persistent_data = light.data.use_shadow, True
-    for has_shadows in (True, False):
-        light.data.use_shadow = own and has_shadows
-        image, *seconds = render(scene, samples, seed)
-        pictures.append(image)
-        taken.append(seconds)
-    light.data.use_shadow = own
-    scene.render.use_persistent_data = False  # and lets go of it
+    try:
+        for has_shadows in (True, False):
+            light.data.use_shadow = own and has_shadows
+            image, *seconds = render(scene, samples, seed)
+            pictures.append(image)
+            taken.append(seconds)
+    finally:
+        light.data.use_shadow = own
+        scene.render.use_persistent_data = False  # and lets go of it
     return *pictures, np.array(taken)
 
 
@@ -61,17 +63,19 @@ def render(scene: bpy.types.Scene, samples: int, seed: int = 0, *, has_shadows: 
     not, waited and of all processors."""
     scene.cycles.samples, scene.cycles.seed = samples, seed
     casts = {shown: shown.visible_shadow for shown in scene.objects}
-    for shown, own in casts.items():
-        shown.visible_shadow = own and has_shadows
-    with tempfile.TemporaryDirectory() as folder:
-        scene.render.filepath = str(Path(folder) / "image")
-        start_s, start_cpu_s = time.perf_counter(), time.process_time()
-        bpy.ops.render.render(write_still=True)
-        taken_s, taken_cpu_s = time.perf_counter() - start_s, time.process_time() - start_cpu_s
-        with OpenEXR.File(str(next(Path(folder).glob("image*.exr")))) as file:
-            pixels = next(iter(file.channels().values())).pixels
-    for shown, own in casts.items():
-        shown.visible_shadow = own
+    try:
+        for shown, own in casts.items():
+            shown.visible_shadow = own and has_shadows
+        with tempfile.TemporaryDirectory() as folder:
+            scene.render.filepath = str(Path(folder) / "image")
+            start_s, start_cpu_s = time.perf_counter(), time.process_time()
+            bpy.ops.render.render(write_still=True)
+            taken_s, taken_cpu_s = time.perf_counter() - start_s, time.process_time() - start_cpu_s
+            with OpenEXR.File(str(next(Path(folder).glob("image*.exr")))) as file:
+                pixels = next(iter(file.channels().values())).pixels
+    finally:
+        for shown, own in casts.items():
+            shown.visible_shadow = own
     red = pixels[..., 0] if pixels.ndim == 3 else pixels
     return red[::-1].astype(np.float32), taken_s, taken_cpu_s
 

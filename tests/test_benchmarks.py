@@ -107,6 +107,21 @@ def test_two_pictures_of_cycles_are_those_that_it_renders_one_by_one():
     assert light.data.use_shadow and not scene.render.use_persistent_data
 
 
+def test_a_render_of_cycles_that_fails_leaves_the_scene_as_it_was(monkeypatch):
+    scene = build_head_scene(1)
+    light = bpy.data.objects["Key"]
+    with monkeypatch.context() as patched:
+        patched.setattr(cycles, "render", lambda *_: (np.zeros((1, 1), np.float32), 0.0, 0.0) if light.data.use_shadow else 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            cycles.render_pair(scene, light, samples=1)
+    assert light.data.use_shadow and not scene.render.use_persistent_data
+    cycles.prepare(scene, (48, 27))
+    scene.camera = None
+    with pytest.raises(RuntimeError, match="camera"):
+        cycles.render(scene, samples=1, has_shadows=False)
+    assert all(shown.visible_shadow for shown in scene.objects)
+
+
 def test_without_eevee_nothing_is_compared_with_it():
     rows = peers.summary(VIR_CURVE + CYCLES_CURVE)
     assert [row["renderer"] for row in rows] == [peers.VIR_AUTO, peers.CYCLES]
