@@ -2,12 +2,12 @@
 
 import pytest
 
-from tests.scenes import area_light, box, bumpy_sphere, floor, perspective_camera, point_light, snapshot
+from tests.scenes import area_light, box, bumpy_sphere, floor, mirror, perspective_camera, point_light, snapshot
 from vir_addon.core import plan as planning
 from vir_addon.core.forecast import make_forecast, predict_error
-from vir_addon.core.plan import LikelyFaces, plan
+from vir_addon.core.plan import PlannedOnce, plan
 from vir_addon.core.quality import MAP_RESOLUTIONS_PX, map_resolution_of_views
-from vir_addon.core.settings import Settings
+from vir_addon.core.settings import Effect, Settings
 
 
 @pytest.fixture(scope="module")
@@ -63,10 +63,51 @@ def test_faces_are_fitted_once_for_every_map_resolution(lamps, monkeypatch):
 
 
 def test_shared_faces_do_not_change_plans(lamps):
-    shared: LikelyFaces = {}
+    shared = PlannedOnce()
     for count, resolution_px in ((8, 512), (64, 1024), (128, 1024)):
         settings = Settings(view_count=count, map_resolution_px=resolution_px)
-        assert plan(lamps, settings, likely_faces=shared).passes == plan(lamps, settings).passes
+        assert plan(lamps, settings, once=shared).passes == plan(lamps, settings).passes
+
+
+@pytest.fixture(scope="module")
+def mirrors():
+    """Two of them, so that there is more than one bounce to choose from."""
+    meshes = [floor(4.0), *(bumpy_sphere(f"ball {k}", (1.5 * k - 0.75, 0, 0.6), 0.5, 12) for k in range(2))]
+    camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), 96, 54)
+    return snapshot(meshes, [point_light("lamp", (0, 0, 4), 0.2)], camera, 96, 54, materials=[mirror() for _ in meshes])
+
+
+REFLECTING = (Effect.SHADOW, Effect.REFLECTION)
+
+
+def test_reflectors_are_chosen_once(mirrors, monkeypatch):
+    planned = plan(mirrors, Settings(effects=REFLECTING))
+    chosen = []
+
+    def noting(*args):
+        chosen.append(args)
+        return choose_reflectors(*args)
+
+    choose_reflectors = planning.choose_reflectors
+    monkeypatch.setattr(planning, "choose_reflectors", noting)
+    make_forecast(mirrors, planned)
+    assert len(chosen) == 1
+
+
+def test_shared_reflectors_do_not_change_plans(mirrors):
+    shared = PlannedOnce()
+    for count, resolution_px in ((8, 512), (256, 2048), (64, 1024)):
+        settings = Settings(effects=REFLECTING, view_count=count, map_resolution_px=resolution_px)
+        own, sharing = plan(mirrors, settings), plan(mirrors, settings, once=shared)
+        assert own.reflections.runs and own.reflections.bounces == sharing.reflections.bounces
+        assert [(line.name, line.runs, line.reason) for line in own.reflections.lines] == [
+            (line.name, line.runs, line.reason) for line in sharing.reflections.lines
+        ]
+        assert (own.predicted_ms, own.batch_count, own.eye_sample_count) == (
+            sharing.predicted_ms,
+            sharing.batch_count,
+            sharing.eye_sample_count,
+        )
 
 
 def test_more_views_mean_less_error():

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .plan import MANY_VIEWS, LikelyFaces, RenderPlan, plan
+from .plan import MANY_VIEWS, PlannedOnce, RenderPlan, plan
 from .quality import FEWEST_VIEWS, MAP_RESOLUTION_OF_VIEWS, MAP_RESOLUTIONS_PX, MOST_VIEWS
 from .scene import SceneSnapshot
 
@@ -43,11 +43,11 @@ class Forecast:
 
 def make_forecast(snapshot: SceneSnapshot, planned: RenderPlan) -> Forecast:
     """Plans the picture some times more; the snapshot is not needed afterwards."""
-    likely_faces: LikelyFaces = {}
+    once = PlannedOnce()
 
     def predicted_ms(view_count: int, map_resolution_px: int) -> float:
         settings = replace(planned.settings, view_count=view_count, map_resolution_px=map_resolution_px)
-        return plan(snapshot, settings, likely_faces=likely_faces).predicted_ms
+        return plan(snapshot, settings, once=once).predicted_ms
 
     steps_ms = {px: tuple(predicted_ms(count, px) for count in VIEW_COUNTS) for px in MAP_RESOLUTIONS_PX}
     return Forecast(steps_ms, planned.predicted_ms, (planned.settings.view_count, planned.settings.map_resolution_px))

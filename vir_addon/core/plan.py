@@ -133,18 +133,28 @@ LikelyFaces = dict[tuple[bool, str, int], tuple[list[cost.LikelyFace], int]]
 """whether it lights reflections, a light's name, map resolution -> as of `_likely_faces`"""
 
 
+@dataclass
+class PlannedOnce:
+    """What plans of one snapshot share that differ in nothing but views and map resolution; the first that needs it fills it."""
+
+    likely_faces: LikelyFaces = field(default_factory=dict)
+    reflections: PlannedReflections | None = None
+    """with the bounces that are asked for, which memory for rounds may lessen"""
+
+
 def plan(
     snapshot: SceneSnapshot,
     settings: Settings,
     before: tuple[SceneSnapshot, RenderPlan] | None = None,
-    likely_faces: LikelyFaces | None = None,
+    once: PlannedOnce | None = None,
 ) -> RenderPlan:
     """Decide per light. before: what was planned, and how; the answer is the same without, and takes longer where little has changed.
-    likely_faces: shared by plans of one snapshot that differ in nothing but views and map resolution, which fits each light's faces once;
-    filled.
+    once: shared by plans of one snapshot that differ in nothing but views and map resolution, so that each light's faces are fitted and
+    reflectors chosen once.
 
     Raises UsageError for lights that the scene does not have, SceneError when the scene has no light that can be rendered.
     """
+    once = PlannedOnce() if once is None else once
     lights = _chosen_lights(snapshot, settings)
     names = unique_pass_names([light.name for light in snapshot.lights])
     if before is not None and (before[1].settings != settings or not has_same_picture(snapshot, before[0])):
@@ -160,7 +170,9 @@ def plan(
     reflections: PlannedReflections | None = None
     reflected_jobs: list[_LightJob] = []
     if Effect.REFLECTION in settings.effects:
-        reflections = _plan_reflections(snapshot, settings, bounds, in_picture)
+        if once.reflections is None:
+            once.reflections = _plan_reflections(snapshot, settings, bounds, in_picture)
+        reflections = once.reflections
         if reflections.runs:
             wanted = (_reflected_light_job(snapshot, light, names[light.name], settings, bounds) for light in snapshot.lights)
             reflected_jobs = [job for job in wanted if job is not None]
@@ -194,9 +206,7 @@ def plan(
     eye_sample_count = min(batch_count * eye_samples_per_batch, most_eye_samples)
     steps = _Steps(batch_count, batch_count * eye_samples_per_batch)
     known = _known_lines(snapshot, steps, before)
-    if likely_faces is None:
-        likely_faces = {}
-    passes, reflected_lights = _plan_lights(snapshot, jobs, reflected_jobs, bounds, steps, known, likely_faces)
+    passes, reflected_lights = _plan_lights(snapshot, jobs, reflected_jobs, bounds, steps, known, once.likely_faces)
     # as if each light had two sets of maps: whether one serves both is known when surfaces are
     lights_ms = sum(planned.predicted_ms for planned in [*passes, *reflected_lights])
     eye_ms = cost.eye_ms(snapshot, settings, eye_sample_count)
