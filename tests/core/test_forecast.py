@@ -43,7 +43,7 @@ def lamps():
 
 def test_what_every_picture_takes_counts_once(lamps):
     forecast = make_forecast(lamps, plan(lamps, Settings()))
-    for count in (16, 24, 31, 32, 48, 65, 96, 127, 128, 192, 256, 1024):
+    for count in (1, 2, 5, 16, 24, 31, 32, 48, 65, 96, 127, 128, 192, 256, 1024):
         settings = Settings(view_count=count, map_resolution_px=map_resolution_of_views(count))
         assert forecast.compute_ms(count, settings.map_resolution_px) == pytest.approx(plan(lamps, settings).predicted_ms, rel=0.12)
 

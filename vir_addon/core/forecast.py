@@ -11,8 +11,9 @@ from .plan import MANY_VIEWS, PlannedOnce, RenderPlan, plan
 from .quality import FEWEST_VIEWS, MAP_RESOLUTION_OF_VIEWS, MAP_RESOLUTIONS_PX, MOST_VIEWS
 from .scene import SceneSnapshot
 
-VIEW_COUNTS = tuple(sorted({FEWEST_VIEWS, *(below for below, _ in MAP_RESOLUTION_OF_VIEWS), MANY_VIEWS - 1, MANY_VIEWS, MOST_VIEWS}))
-"""What is planned for each map resolution. Between them the plan's model is nearly linear: it leaps where eye samples become more."""
+VIEW_COUNTS = tuple(sorted({1, 2, FEWEST_VIEWS, *(below for below, _ in MAP_RESOLUTION_OF_VIEWS), MANY_VIEWS - 1, MANY_VIEWS, MOST_VIEWS}))
+"""What is planned for each map resolution. Between them the plan's model is nearly linear: it leaps where eye samples become more, which
+they also are where one view is asked for, and two are as many as eight, a batch."""
 
 ERROR_EXPONENT = 0.4
 """Estimated errors fall with the views to the power of -0.4: measured in one scene, the still life, between 8 and 128 views, most of whose
