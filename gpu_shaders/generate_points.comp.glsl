@@ -64,7 +64,7 @@ void emit_points(AlignedTriangle t, Cells cells, uint touched) {
     }
     uint next = imageAtomicAdd(counters, ivec2(0, 0), count);
 #ifdef INTO_BUFFER
-    // counted all the same: the host learns how much room is missing and works in portions
+    // counted all the same: the host learns how much room is missing
     if (next + count > uint(texel_capacity)) {
         return;
     }
@@ -373,8 +373,8 @@ void main() {
     if (tile >= tile_count) {
         return;
     }
-    vec4 owner = texelFetch(tile_list, linear_texel(2 * (first_tile + tile)), 0);
-    vec4 place = texelFetch(tile_list, linear_texel(2 * (first_tile + tile) + 1), 0);
+    vec4 owner = texelFetch(tile_list, linear_texel(2 * tile), 0);
+    vec4 place = texelFetch(tile_list, linear_texel(2 * tile + 1), 0);
     int row = invocation % INVOCATIONS_PER_TILE;
     if (row >= int(owner.w)) {
         return;

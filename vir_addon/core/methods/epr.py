@@ -15,12 +15,9 @@ from ..passes.points import SPLAT_CELLS
 from ..settings import PointStorage
 from .base import FaceJob
 from .ivir import ImprovedViewIndependentRasterization
-from .shared import TEXELS_PER_SPLAT
 
 
 class EyeBasedPointRendering(ImprovedViewIndependentRasterization):
-    texels_per_point = TEXELS_PER_SPLAT
-
     def __init__(self, job: FaceJob, storage: PointStorage) -> None:
         super().__init__(job, storage)
         self.sampling_flags.append("EYE_DENSITY")

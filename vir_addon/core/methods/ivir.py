@@ -24,8 +24,7 @@ from .seen_space import seen_space_bindings, window_bounds
 from .shared import TEXELS_PER_SPLAT, TEXELS_PER_TILE
 
 TILE_CELLS = 8
-MAX_SMALL_CELLS = 32
-"""both as in generate_points.comp.glsl"""
+"""as in generate_points.comp.glsl"""
 WORTHWHILE_SHARE_KEPT = 0.8
 """Kept points are in the order in which invocations finished, which costs the maps' locality: replaying 95 % of them took 18 % longer."""
 MAX_CUTS = 6
@@ -50,8 +49,6 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
     splat_triangles: KernelDeclaration = SPLAT_TRIANGLES
     splat_tiles: KernelDeclaration = SPLAT_TILES
     invocations_per_tile = TILE_CELLS
-    texels_per_point = 1
-    """of the buffer, at most"""
 
     def __init__(self, job: FaceJob, storage: PointStorage) -> None:
         super().__init__(job)
@@ -129,7 +126,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         outputs = {"points": self.points.texture, "texel_capacity": self.points.texel_count}
         yield from self._running_triangles(self.buffer_triangles, 0, group_count, **outputs)
         yield
-        yield from self._running_tiles(self.buffer_tiles, 0, self.tile_count, **outputs)
+        yield from self._running_tiles(self.buffer_tiles, self.tile_count, **outputs)
         culled = self._read_counts()
         return self.buffered_point_count + TEXELS_PER_SPLAT * self.buffered_splat_count, culled
 
@@ -211,16 +208,13 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
     def _flags_of(self, declaration: KernelDeclaration) -> list[str]:
         return sorted({*self.sampling_flags, *(self.splat_flags if "depth_maps" in declaration.images else ())})
 
-    def _running_tiles(
-        self, declaration: KernelDeclaration, first_tile: int, tile_count: int, **outputs: Any
-    ) -> Generator[None, None, None]:
+    def _running_tiles(self, declaration: KernelDeclaration, tile_count: int, **outputs: Any) -> Generator[None, None, None]:
         yield from self._generating(
             declaration,
             tile_count * self.invocations_per_tile,
             **self.sampling_bindings,
             **outputs,
             tile_list=self.tiles.texture,
-            first_tile=first_tile,
             tile_count=tile_count,
             counters=self.counters,
         )
@@ -247,7 +241,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
     def _splatting(self, first_group: int, **outputs: Any) -> Generator[None, None, None]:
         """Points of all work groups from this one on, as they are generated."""
         yield from self._running_triangles(self.splat_triangles, first_group, self.work.group_count - first_group, **outputs)
-        yield from self._running_tiles(self.splat_tiles, 0, self.tile_count, **outputs)
+        yield from self._running_tiles(self.splat_tiles, self.tile_count, **outputs)
 
     def _replay(self, **batch: Any) -> None:
         """What the buffer holds into the maps. batch: what points are splatted with"""

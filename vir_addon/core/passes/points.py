@@ -120,7 +120,7 @@ def _generate(name: str, text: str, source_flag: str, output_flag: str, *, list_
             constants["part_capacity"] = PART_CAPACITY
     else:
         textures["tile_list"] = Sampled("sampler2D", "tiles of large triangles")
-        constants |= {"first_tile": Constant("int", "the first tile to sample"), "tile_count": Constant("int", "tiles to sample")}
+        constants["tile_count"] = Constant("int", "tiles to sample")
     if into_buffer:
         images |= POINT_STORE
         constants["texel_capacity"] = Constant("int", "texels of the buffer: a point takes one, a splat two")
