@@ -292,7 +292,7 @@ class VIR_SceneSettings(bpy.types.PropertyGroup):
     )
     replay_buffer_mib: bpy.props.IntProperty(
         name="Memory",
-        description="MiB for what views share: points, small triangles. What does not fit is worked off in portions",
+        description="MiB for what views share: points, small triangles. What does not fit is made again for every batch of views",
         default=_DEFAULTS.replay_buffer_mib,
         min=1,
         soft_max=4096,

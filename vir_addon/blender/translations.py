@@ -156,8 +156,8 @@ _GERMAN = {
     "Maps that one thread writes a point into: VWSS": "Karten, in die ein Thread einen Punkt schreibt: VWSS",
     "Samples of the map that search for blockers: PCSS": "Stichproben der Karte, die Verdeckendes suchen: PCSS",
     "Samples of the filter that makes the penumbra: PCSS": "Stichproben des Filters, der den Halbschatten macht: PCSS",
-    "MiB for what views share: points, small triangles. What does not fit is worked off in portions": (
-        "MiB für das, was Ansichten gemeinsam haben: Punkte, kleine Dreiecke. Was nicht hineinpasst, kommt portionsweise an die Reihe"
+    "MiB for what views share: points, small triangles. What does not fit is made again for every batch of views": (
+        "MiB für das, was Ansichten gemeinsam haben: Punkte, kleine Dreiecke. Was nicht hineinpasst, entsteht für jeden Stapel neu"
     ),
     "How often light is followed from reflector to reflector. 0: as often as the scene calls for, at most twice": (
         "Wie oft Licht von Spiegel zu Spiegel verfolgt wird. 0: so oft, wie die Szene es verlangt, höchstens zweimal"

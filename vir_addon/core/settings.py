@@ -169,7 +169,7 @@ class Settings:
     """pcss: taps of the filter that the blockers' depth decides the width of"""
     replay_buffer_mib: int = 256
     """memory for what views replay (points, small triangles, maps of pcss and of lights without size) of all lights; what does not fit is
-    processed in portions, or made again when its turn comes"""
+    made again for every batch"""
     bounces: int | None = None
     """how often light is followed from reflector to reflector; None: as often as the scene calls for, at most twice"""
     reflection_method: ReflectionMethod = ReflectionMethod.AUTO
