@@ -24,7 +24,7 @@ from tests.scenes import (
 from vir_addon.core.methods.ivir import BYTES_PER_POINT, ImprovedViewIndependentRasterization
 from vir_addon.core.passes.shadow_maps import DepthMaps
 from vir_addon.core.settings import Method, PointStorage
-from vir_addon.device.interface import EMPTY_DEPTH_BITS
+from vir_addon.device.interface import EMPTY_DEPTH_BITS, LINEAR_TEXTURE_WIDTH
 
 WIDTH, HEIGHT = 240, 135
 MAP_PX = 512
@@ -173,6 +173,15 @@ def test_what_the_buffer_has_room_for_is_generated_once(device, monkeypatch):
         renderer.device.run(renderer.render_batch, 0)
     # not in proportion: the first of them have more points than others
     assert 0.2 * group_count < sum(walked) < 0.75 * group_count
+
+
+def test_a_buffer_without_room_for_anything_takes_no_memory(device):
+    """The first work group alone has more points than fit."""
+    settings = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": MAP_PX}
+    with prepared_renderer(made("room"), device, replay_buffer_mib=1, **settings) as renderer:
+        (method,) = (method for _, _, method in renderer.works[0].faces if method is not None)
+        assert method.portion_count == 2 and method.buffered_point_count == 0
+        assert method.held_bytes <= LINEAR_TEXTURE_WIDTH * BYTES_PER_POINT
 
 
 def test_many_small_triangles_in_portions_make_the_same_picture(device):

@@ -119,6 +119,9 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         while texels > self.points.texel_count:
             self._held_group_count = int(self._held_group_count * FILLED_SHARE * self.points.texel_count / texels)
             texels, _ = yield from self._generating_into_buffer(self._held_group_count)
+        if not self._held_group_count:
+            # what is never filled would push out what other faces keep
+            self.points.reserve(1)
 
     def _generating_into_buffer(self, group_count: int) -> Generator[None, None, tuple[int, int]]:
         """Points of the first work groups. Pauses between kernels. Returns how many texels they take (more than the buffer has: the rest is
