@@ -18,6 +18,7 @@ from tests.scenes import (
     prepared_renderer,
     rectangle,
     render_pass,
+    render_passes,
     rmse,
     snapshot,
 )
@@ -173,6 +174,32 @@ def test_what_the_buffer_has_room_for_is_generated_once(device, monkeypatch):
         renderer.device.run(renderer.render_batch, 0)
     # not in proportion: the first of them have more points than others
     assert 0.2 * group_count < sum(walked) < 0.75 * group_count
+
+
+def test_what_has_room_is_found_out_once_where_faces_take_turns(device, monkeypatch):
+    """What makes way for another light's points is made again in one walk over all triangles, as many of them into the buffer as before."""
+    scene = made("sphere")
+    scene = dataclasses.replace(scene, lights=(scene.lights[0], dataclasses.replace(scene.lights[0], name="Second")))
+    settings = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": MAP_PX, "cull_hidden": False}
+    whole = render_passes(scene, device, **settings)
+    walked: dict[int, int] = {}
+    running = ImprovedViewIndependentRasterization._running_triangles
+
+    def noting(self, declaration, first_group, group_count, **outputs):
+        walked[id(self)] = walked.get(id(self), 0) + group_count
+        yield from running(self, declaration, first_group, group_count, **outputs)
+
+    monkeypatch.setattr(ImprovedViewIndependentRasterization, "_running_triangles", noting)
+    with prepared_renderer(scene, device, replay_buffer_mib=1, **settings) as renderer:
+        kept, guest = (method for work in renderer.works for _, _, method in work.faces if method is not None)
+        counts = guest.counts()
+        for batch in range(2):
+            walked.clear()
+            renderer.device.run(renderer.render_batch, batch)
+            assert walked[id(kept)] < walked[id(guest)] == guest.work.group_count
+        assert guest.counts() == counts
+    for name, image in render_passes(scene, device, replay_buffer_mib=1, **settings).items():
+        np.testing.assert_array_equal(image, whole[name])
 
 
 def test_a_buffer_without_room_for_anything_takes_no_memory(device):

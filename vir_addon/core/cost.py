@@ -362,7 +362,8 @@ def estimate_methods(
         room = budget_bytes / max(points * POINT_BYTES, 1)
         if room >= 1 or not keeps_part:
             return 1 if room >= 1 else batch_count
-        # that there is no room is found out by one; then those that have some are kept, and each batch makes the others
+        # that there is no room is found out by one; then those that have some are kept, and each batch makes the others. Of faces that
+        # take turns with the memory each batch makes all, which is not told apart
         return 1 + room + (1 - room) * batch_count
 
     def points_ns(becomes_points: np.ndarray, share: float = 1.0, *, keeps_part: bool = True) -> float:

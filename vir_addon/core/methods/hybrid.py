@@ -51,6 +51,8 @@ class HybridRasterization(ImprovedViewIndependentRasterization):
     def _free(self) -> None:
         super()._free()
         self._release_large()
+        # large triangles are listed by a walk over all
+        self._filled_capacity = None
 
     def release(self) -> None:
         super().release()

@@ -82,6 +82,8 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         self.kept_point_count = 0
         self._held_group_count = 0
         """the first work groups, whose points are in the buffer"""
+        self._filled_capacity: int | None = None
+        """texels of the buffer that had room for these; None: what has room is to be found out"""
 
     def preparing(self) -> Generator[None, None, None]:
         self.work = self._owned.own(self.scene_data.work_table(self.opaque_indices, ~self.culled))
@@ -89,9 +91,14 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
             yield from self._holding()
 
     def _making(self) -> Generator[None, None, None]:
-        self.points = LinearStore(self.device, min(self.capacity_limit, max(1 << 18, 4 * self.work.triangle_count)))
+        expected = min(self.capacity_limit, max(1 << 18, 4 * self.work.triangle_count))
+        self.points = LinearStore(self.device, expected if self._filled_capacity is None else self._filled_capacity)
         self._is_held = True
-        yield from self._filling_buffer()
+        if self._filled_capacity is None:
+            yield from self._filling_buffer()
+            self._filled_capacity = self.points.texel_count
+        else:
+            yield from self._generating_into_buffer(self._held_group_count)
         self.portion_count = 1 + (self._held_group_count < self.work.group_count)
         if self.portion_count > 1:
             for declaration in (self.splat_triangles, self.splat_tiles):
