@@ -3,6 +3,7 @@
 import os
 import resource
 import signal
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vir_addon.core.errors import UsageError
+from vir_addon.core.errors import DeviceError, UsageError
 from vir_addon.core.exr import channel_name, write_exr
 from vir_addon.core.files import whole_file
 from vir_addon.core.pass_set import PASS_NAME_BYTES_MAX, PassSet, PassStatistics, SetStatistics, unique_pass_names
@@ -119,3 +120,9 @@ def test_pass_names_are_unique_short_and_independent_of_order(light_names, rando
     assert all(len(name.encode()) <= PASS_NAME_BYTES_MAX and "." not in name for name in names.values())
     random.shuffle(light_names)
     assert unique_pass_names(light_names) == names
+
+
+def test_a_missing_package_is_named_with_what_installs_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "OpenEXR", None)
+    with pytest.raises(DeviceError, match=r"pip install OpenEXR"):
+        write_exr(tmp_path / "a.exr", {}, scene_name="Scene", frame=1)

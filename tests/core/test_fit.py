@@ -220,3 +220,33 @@ def test_spots_samples_gather_for_receivers_in_a_part_of_the_cone():
     assert receiver_cone(light, within(34, down)) == cone_of(light)
     # beside the axis, where nothing is lit, it makes no difference what is there
     assert receiver_cone(light, within(12, (1.0, 0.0, 0.0))) == cone_of(light)
+
+
+@pytest.mark.parametrize(("pitch_rad", "is_orthographic"), [(0.5, False), (1.0, False), (0.8, True)])
+def test_receivers_reach_as_far_beyond_the_picture_as_its_samples(pitch_rad, is_orthographic):
+    """On a floor exactly so far, also where the next row of pixels sees much more of it than the last; and what ends there ends."""
+    height, width, beyond_px = 40, 60, 2.0
+
+    def places(row, column):
+        """Seen from 3 m above the floor at these rows and columns, pixels' centres being integers"""
+        x, y = (column - width / 2) / 60, (row - height / 2) / 60
+        down, forward = np.array([0, np.cos(pitch_rad), np.sin(pitch_rad)]), np.array([0, np.sin(pitch_rad), -np.cos(pitch_rad)])
+        aside = x[..., None] * np.array([1.0, 0, 0]) + y[..., None] * down
+        start = np.array([0.0, 0.0, 3.0]) + (aside if is_orthographic else 0)
+        ray = np.broadcast_to(forward, aside.shape) if is_orthographic else forward + aside
+        return start - start[..., 2:] / ray[..., 2:] * ray
+
+    rows, columns = np.meshgrid(np.arange(height), np.arange(width), indexing="ij")
+    positions, normals = np.zeros((2, height, width, 4))
+    positions[..., :3], normals[..., 2] = places(rows, columns), 1
+    light = point_light(eye=(0.0, 3.0, 2.0))
+    edges = np.array([-beyond_px, height - 1 + beyond_px]), np.array([-beyond_px, width - 1 + beyond_px])
+    corners = places(*np.meshgrid(*edges, indexing="ij")).reshape(-1, 3)
+    found = select_receivers(positions, normals, light, beyond_px).points_ws
+    for corner in corners:
+        assert np.linalg.norm(found - corner, axis=1).min() < 1e-6
+    within = select_receivers(positions, normals, light).points_ws
+    np.testing.assert_array_equal(within, positions[..., :3].reshape(-1, 3))
+    positions[0, :, 3] = 1  # another instance: nothing is known of how it goes on
+    fewer = select_receivers(positions, normals, light, beyond_px).points_ws
+    assert len(fewer) < len(found) and fewer[:, 1].min() >= within[:, 1].min() - 1e-9

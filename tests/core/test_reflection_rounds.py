@@ -181,9 +181,9 @@ def test_a_note_says_that_a_texture_holds_too_little_for_the_maps(device, monkey
 def test_lights_are_fitted_to_what_rough_reflectors_may_show_in_later_batches(device, monkeypatch):
     fitted = []
 
-    def select(positions, normals, light):
+    def select(positions, normals, light, beyond_px):
         fitted.append(positions[positions[..., 3] >= 0][:, :3])
-        return select_receivers(positions, normals, light)
+        return select_receivers(positions, normals, light, beyond_px)
 
     monkeypatch.setattr(light_work, "select_receivers", select)
     with prepared_renderer(mirrored_scene(32, 18, roughness=0.3), device, effects=(Effect.REFLECTION,), view_count=8) as renderer:

@@ -20,6 +20,6 @@ class SceneError(VirError):
 
 
 class DeviceError(VirError):
-    """No usable device, or the device refused; says what to install or to change."""
+    """No usable device, the device refused, or a package is missing; says what to install or to change."""
 
     exit_status = 4

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from .errors import UsageError
+from .errors import DeviceError, UsageError
 from .files import whole_file
 from .pass_set import PassSet, PassStatistics
 
@@ -23,13 +23,13 @@ def write_exr(target: Path, layers: Mapping[str, PassSet], *, scene_name: str, f
 
     layers: view layer name -> its passes. pixel_aspect: a pixel's width divided by its height, as Blender writes it into its own files
 
-    Raises UsageError when `target` cannot be written, when OpenEXR is not installed, when there are no images or when two
-    would share a channel.
+    Raises UsageError when `target` cannot be written, when there are no images or when two would share a channel, DeviceError when OpenEXR
+    is not installed.
     """
     try:
         import OpenEXR
     except ImportError as error:
-        raise UsageError("writing EXR files needs the OpenEXR package: pip install OpenEXR==3.5.3") from error
+        raise DeviceError("writing EXR files needs the OpenEXR package: pip install OpenEXR==3.5.3") from error
     channels = _channels(layers)
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,

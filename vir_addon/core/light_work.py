@@ -90,7 +90,12 @@ def fit_views(planned: PlannedPass, light: Light, plan: RenderPlan, scene_data: 
 
 
 def fit_places(planned: PlannedPass, light: Light, plan: RenderPlan, scene_data: SceneData, places: Places) -> LightFit:
-    return fit_views(planned, light, plan, scene_data, select_receivers(*places, light))
+    return fit_views(planned, light, plan, scene_data, select_receivers(*places, light, _beyond_px(scene_data)))
+
+
+def _beyond_px(scene_data: SceneData) -> float:
+    """How far from pixels' centres their samples are, and half a pixel by which those of shared visibility are moved"""
+    return scene_data.snapshot.pixel_filter.width_px / 2 + 0.5
 
 
 def fit_both(
@@ -98,7 +103,7 @@ def fit_both(
 ) -> tuple[LightFit, bool]:
     """To the picture and to what reflectors show, True; or to the picture alone, False, where maps that reach over both would have
     larger texels. own: as planned for the picture; joint: for both"""
-    seen, shown = (select_receivers(*places, light) for places in (in_picture, reflected))
+    seen, shown = (select_receivers(*places, light, _beyond_px(scene_data)) for places in (in_picture, reflected))
     fit = fit_views(own, light, plan, scene_data, seen)
     both = Receivers(np.concatenate([seen.points_ws, shown.points_ws]), seen.margin, max(seen.gap_tangent, shown.gap_tangent))
     wider = fit_views(joint, light, plan, scene_data, both)

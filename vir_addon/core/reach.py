@@ -20,6 +20,8 @@ DIRECTION_CELLS = 128
 """a side of each face of a cube around the light"""
 RECEIVER_MARGIN_PX = 5.0
 """Filters reach 1.5 pixels to each side, and perspective may make the outermost pixels cover more than the mean."""
+LEAST_SHRINKING = 0.25
+"""of steps beyond the picture's edge: a horizon there is as far as four times what it were without perspective"""
 MAX_CASTER_PLACES = 4_000_000
 """casters times places that are looked at one by one"""
 
@@ -57,15 +59,24 @@ class Receivers:
     """how far from these points, as seen from the light's centre, others may be; 0 where the outermost are all there"""
 
 
-def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -> Receivers:
+def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light, beyond_px: float = 0.0) -> Receivers:
     """What of an eye G-buffer lies where the light shines and is (by either normal) turned towards some of it.
 
-    positions, normals: the G-buffer's textures, (height, width, 4).
+    positions, normals: the G-buffer's textures, (height, width, 4). beyond_px: how far beyond the centres of the picture's outermost pixels
+    its samples reach: lights that take a cube have faces that reach into the picture by a few pixels, of which a margin is next to nothing.
     """
     # rows and columns between are within the margin
     step = math.ceil(math.sqrt(positions.shape[0] * positions.shape[1] / MAX_RECEIVER_PIXELS))
     rows, columns = (np.unique([*range(0, count, step), count - 1]) for count in positions.shape[:2])  # up to the picture's edges
+    is_sun = light.shape is LightShape.SUN
+    beyond = _beyond_edges(positions, normals, rows, columns, beyond_px) if beyond_px > 0 and not is_sun else None
     positions, normals = (image[np.ix_(rows, columns)] for image in (positions, normals))
+    picture = positions.shape[:2]
+    if beyond is not None:
+        positions, normals = (
+            np.concatenate([image.reshape(1, -1, 4), added[None]], axis=1)
+            for image, added in zip((positions, normals), beyond, strict=True)
+        )
     surface = positions[..., 3] >= 0
     if light.receivers is not None:
         surface &= light.receivers[np.maximum(positions[..., 3], 0).astype(np.int64)]
@@ -76,20 +87,23 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light) -
     p = _along(axes, points - center)
     # the light's nearest point to the plane of the surface decides whether any of it is above the horizon; the shading normal
     # may lean towards the light by as much again, so surfaces turned away by a little are kept
-    towards = np.full_like(p, (0.0, 0.0, -1.0)) if light.shape is LightShape.SUN else -p
+    towards = np.full_like(p, (0.0, 0.0, -1.0)) if is_sun else -p
     distances = np.sqrt(np.einsum("ij,ij->i", towards, towards))
     turned = np.einsum("ij,ij->i", _along(axes, normal), towards) > -half - 0.5 * distances
     reach = lit_places(light, p) & turned
-    margin = _margin(surface, reach)
+    margin = _margin(surface, reach, picture)
+    is_within = np.flatnonzero(surface)[reach] < math.prod(picture)
     points, p = points[reach], p[reach]
-    if len(points) <= MAX_RECEIVER_POINTS:
-        return Receivers(points, margin)
     # what one map of each view reaches has no seams
     single_tangent = MAX_SINGLE_FACE_TANGENT * (1 - MIN_RECEIVER_MARGIN)
-    is_single = light.shape is LightShape.SUN or (light.shape.is_area and _is_within(p, single_tangent, half).all())
+    is_single = is_sun or (light.shape.is_area and _is_within(p[is_within], single_tangent, half).all())
+    if is_single:
+        points, p = points[is_within], p[is_within]
+    if len(points) <= MAX_RECEIVER_POINTS:
+        return Receivers(points, margin)
     if is_single:
         every = np.arange(0, len(points), -(-len(points) // MAX_RECEIVER_POINTS))
-        outermost = _outermost(p[:, :2] if light.shape is LightShape.SUN else p[:, :2] / p[:, 2:], p[:, 2])
+        outermost = _outermost(p[:, :2] if is_sun else p[:, :2] / p[:, 2:], p[:, 2])
         return Receivers(points[np.unique(np.concatenate([every, *outermost]))], margin)
     return Receivers(points[np.unique(_spread_over_directions(p))], margin, 2 / DIRECTION_CELLS)
 
@@ -149,9 +163,50 @@ def _outermost(places: np.ndarray, depths: np.ndarray) -> list[np.ndarray]:
     return chosen
 
 
-def _margin(surface: np.ndarray, reach: np.ndarray) -> float:
-    """In a small picture, or one that shows little of what is lit, a pixel is a large share of the window."""
-    rows, columns = (index[reach] for index in np.nonzero(surface))
+def _beyond_edges(
+    positions: np.ndarray, normals: np.ndarray, rows: np.ndarray, columns: np.ndarray, beyond_px: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """What samples see beyond the outermost pixels, some rows and columns of them, and beyond the corners: (n, 4) positions and normals,
+    as of `select_receivers`."""
+    height, width = positions.shape[:2]
+    columns = np.unique(np.clip([*columns, *range(3), *range(width - 3, width)], 0, width - 1))
+    strips = [np.clip(inwards, 0, height - 1) for inwards in (np.arange(3), height - 1 - np.arange(3))]
+    below, above = (_extrapolated(positions[strip][:, columns], normals[strip][:, columns], beyond_px) for strip in strips)
+    outer = [image[:, columns] for image in (normals[[0]], normals[[-1]])]
+    tall = np.concatenate([below[None], positions[np.ix_(rows, columns)], above[None]])
+    tall_normals = np.concatenate([outer[0], normals[np.ix_(rows, columns)], outer[1]])
+    sides = (slice(None, 3), slice(None, -4, -1))
+    left, right = (_extrapolated(np.moveaxis(tall[:, side], 1, 0), np.moveaxis(tall_normals[:, side], 1, 0), beyond_px) for side in sides)
+    return (
+        np.concatenate([below, above, left, right]),
+        np.concatenate([outer[0][0], outer[1][0], tall_normals[:, 0], tall_normals[:, -1]]),
+    )
+
+
+def _extrapolated(inwards: np.ndarray, normals: np.ndarray, beyond_px: float) -> np.ndarray:
+    """(n, 4) positions so far beyond the first of (3, n, 4), pixels from the edge inwards; the background where these are not all in one
+    plane of one instance: how anything else goes on is not known. In perspective the way to the r-th pixel is a r / (1 + b r)."""
+    first, second, third = inwards
+    steps = second[:, :3] - first[:, :3]
+    near, far = (np.linalg.norm(each, axis=1) for each in (steps, third[:, :3] - second[:, :3]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shrinking = np.nan_to_num((near - far) / (2 * far), nan=0.0, posinf=0.0, neginf=0.0)
+    factor = (1 + shrinking) * beyond_px / np.maximum(1 - shrinking * beyond_px, LEAST_SHRINKING)
+    found = first.copy()
+    found[:, :3] -= factor[:, None] * steps
+    is_one = (first[:, 3] == second[:, 3]) & (second[:, 3] == third[:, 3])
+    is_even = (np.abs(normals - normals[0])[..., :3] < FLAT_TOLERANCE).all(axis=(0, 2))
+    aside = np.abs(np.einsum("ij,ij->i", normals[0, :, :3], steps))
+    found[~(is_one & is_even & (aside < 1e-3 * near)), 3] = -1.0
+    return found
+
+
+def _margin(surface: np.ndarray, reach: np.ndarray, picture: tuple[int, ...]) -> float:
+    """In a small picture, or one that shows little of what is lit, a pixel is a large share of the window. picture: rows and columns, the
+    first of what is told to be a surface or not"""
+    is_reached = np.zeros(surface.size, bool)
+    is_reached[np.flatnonzero(surface)[reach]] = True
+    rows, columns = np.nonzero(is_reached[: math.prod(picture)].reshape(picture))
     if not len(rows):
         return MIN_RECEIVER_MARGIN
     return max(MIN_RECEIVER_MARGIN, RECEIVER_MARGIN_PX / (min(np.ptp(rows), np.ptp(columns)) + 1))
