@@ -333,7 +333,16 @@ def test_node_loops_and_long_chains_are_refused_in_words(add, look):
     square(add, long, "second")
     reasons = {one.object_name: one.reason for one in look().left_out}
     assert "one behind the other" in reasons["material long"]
-    assert reasons.keys() == {"material long"}  # Blender itself breaks loops
+    assert "links that go in a circle" in reasons["material loop"]
+    assert reasons.keys() == {"material long", "material loop"}
+
+
+def test_links_between_sockets_that_do_not_fit_are_not_loops(add, look):
+    """Such links are not valid either; what they lead to has its own value, as in Cycles."""
+    nodes = Nodes("misfit")
+    nodes.link(nodes("Emission").outputs[0], nodes.principled().inputs["Base Color"])
+    square(add, nodes)
+    assert not look().left_out
 
 
 def test_missing_images_are_named(add, look):

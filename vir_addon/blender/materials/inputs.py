@@ -55,8 +55,11 @@ class NodeInput:
         input itself has the value."""
         here = self
         for _ in range(_MAX_LINKS):
-            links = [link for link in here.socket.links if link.is_valid and not link.is_muted]
+            unmuted = [link for link in here.socket.links if not link.is_muted]
+            links = [link for link in unmuted if link.is_valid]
             if not links:
+                if any(_is_in_circle(link) for link in unmuted):
+                    raise UnreadableNodes(_CIRCLE)
                 return None, "", here
             node, output = links[0].from_node, links[0].from_socket
             if node.mute:
@@ -75,11 +78,26 @@ class NodeInput:
                 here = NodeInput(by_identifier(here.groups[-1].inputs, output.identifier), here.groups[:-1])
             else:
                 return node, output.identifier, here
-        raise UnreadableNodes("links that go in a circle")
+        raise UnreadableNodes(_CIRCLE)
 
 
 _MAX_LINKS = 1000
 """reroutes and groups that a link may go through"""
+_CIRCLE = "links that go in a circle"
+
+
+def _is_in_circle(link: bpy.types.NodeLink) -> bool:
+    """Whether the link's end is among what its start comes from. One link of a circle is not valid, but
+    Cycles does not read the rest as if that were not there: it shows black."""
+    reached, waiting = set(), [link.from_node]
+    while waiting:
+        node = waiting.pop()
+        if node == link.to_node:
+            return True
+        if node.name not in reached:
+            reached.add(node.name)
+            waiting += [each.from_node for socket in node.inputs for each in socket.links]
+    return False
 
 
 def by_identifier(sockets: bpy.types.NodeInputs, identifier: str) -> bpy.types.NodeSocket:
@@ -140,7 +158,7 @@ def _mapped_source(vector: NodeInput) -> tuple[bpy.types.Node | None, str, mathu
         vector = here.of(node, "Vector")
         if vector.source()[0] is None:
             raise UnreadableNodes(f"the node '{node.name}', which maps nothing")
-    raise UnreadableNodes("links that go in a circle")
+    raise UnreadableNodes(_CIRCLE)
 
 
 def mapping_matrix(node: bpy.types.Node, here: NodeInput) -> mathutils.Matrix:
