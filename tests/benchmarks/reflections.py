@@ -21,8 +21,9 @@ from tests.scenes import matte, mirror, perspective_camera, point_light, snapsho
 from vir_addon.core.material import World
 from vir_addon.core.methods.reflected_points import clouds
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, ReflectionStatistics
-from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX, ReflectionMaps
+from vir_addon.core.passes.reflection_maps import MAP_SIZE_STEP_PX, ReflectionMaps
 from vir_addon.core.plan import plan, settings_for
+from vir_addon.core.reflections.reflectors import bytes_per_texel
 from vir_addon.core.reflections.work import ReflectionWork
 from vir_addon.core.render import Renderer, render
 from vir_addon.core.scene import FilterShape, PixelFilter, SceneSnapshot
@@ -99,7 +100,8 @@ def settings_with(method: ReflectionMethod, sample_count: int = 1, **choices: An
 def compared_settings(width_px: int) -> dict[str, Settings]:
     """What makes cubes, the baseline first."""
     cube_px = max(round(PUBLISHED_CUBE_SHARE * width_px / MAP_SIZE_STEP_PX), 1) * MAP_SIZE_STEP_PX
-    shaded = settings_with(ReflectionMethod.MVR, reflection_look_up=ReflectionLookUp.SHADED)
+    # cubes as large as asked, however much memory what is kept of each texel takes
+    shaded = settings_with(ReflectionMethod.MVR, reflection_look_up=ReflectionLookUp.SHADED, reflection_map_mib=4096)
     deferred = {name: settings_with(ReflectionMethod(name)) for name in ("ivir", "epr")}
     deferred = {DEFERRED: settings_with(ReflectionMethod.MVR), **deferred}
     return {PUBLISHED: dataclasses.replace(shaded, reflection_cube_px=cube_px), SMALL: shaded, **deferred}
@@ -180,7 +182,7 @@ class Frames:
         held_bytes = held_bytes or TARGET_BYTES * max(each.face_count * each.width_px * each.height_px for each in drawn)
         return {
             "samples": sum(cloud.triangle_count + cloud.point_count for cloud in used),
-            "memory_mib": (held_bytes + BYTES_PER_TEXEL * sum(each.texel_count for each in drawn)) / MIB,
+            "memory_mib": (held_bytes + bytes_per_texel(self.plan.settings) * sum(each.texel_count for each in drawn)) / MIB,
             "cube_px": statistics.mean(each.width_px for each in drawn),
             "texels": sum(each.face_count * each.width_px * each.height_px for each in drawn),
             "surface_texels": self._surface_texel_count(maps),

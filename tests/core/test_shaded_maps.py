@@ -116,6 +116,19 @@ def test_lights_and_shadows_are_on_texels_as_on_what_rays_meet(device):
     np.testing.assert_allclose(image[shown].mean(axis=0), expected[shown].mean(axis=0), rtol=0.03)
 
 
+def test_what_is_kept_of_texels_counts_in_the_memory_of_maps(device):
+    meshes = [floor(4.0), *(bumpy_sphere(f"ball {k}", (k - 1.0, 0, 0.6), 0.4, 24, bump_share=0.0) for k in range(3))]
+    camera = perspective_camera((0.5, -3.0, 1.5), (0, 0, 0.5), WIDTH, HEIGHT, 0.3)
+    scene = snapshot(meshes, [], camera, WIDTH, HEIGHT, materials=[matte((0.8, 0.8, 0.8)), *[mirror()] * 3], world=World())
+    taken = {}
+    for look_up in (ReflectionLookUp.SHADED, ReflectionLookUp.DIRECTION):
+        *_, renderer = rendered(scene, device, look_up, reflection_cube_px=128, reflection_map_mib=20)
+        found = taken[look_up] = renderer.statistics.reflections
+        assert found.map_bytes <= 20 << 20
+    assert taken[ReflectionLookUp.SHADED].map_texel_count < taken[ReflectionLookUp.DIRECTION].map_texel_count
+    assert taken[ReflectionLookUp.SHADED].map_bytes == 176 * taken[ReflectionLookUp.SHADED].map_texel_count
+
+
 def test_shaded_cubes_show_one_bounce_and_flat_mirrors_have_them_too():
     with pytest.raises(UsageError, match="shaded cubes show one bounce, not 2"):
         Settings(effects=(Effect.REFLECTION,), reflection_look_up=ReflectionLookUp.SHADED, bounces=2)

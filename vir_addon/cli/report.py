@@ -16,6 +16,7 @@ from ..core.files import whole_file
 from ..core.pass_set import STAGES, PassSet, PassStatistics, ReflectionStatistics, SetStatistics
 from ..core.plan import RenderPlan
 from ..core.scene import SceneSnapshot
+from ..core.settings import ReflectionLookUp
 
 
 def milliseconds(value: float) -> str:
@@ -92,10 +93,8 @@ def print_statistics(console: Console, statistics: SetStatistics) -> None:
     if statistics.reflections is not None and statistics.reflections.map_count:
         found = statistics.reflections
         console.print(
-            f"reflections: {found.map_count} maps of {found.map_texel_count:,} texels in all{_splatted(found)}; "
-            f"of {found.ray_count:,} rays "
-            f"{found.found_share:.1%} met a surface, {found.by_direction_share:.1%} one hidden from their map, "
-            f"{found.left_share:.1%} none; error {error_text(found.error_estimate)}",
+            f"reflections: {found.map_count} maps of {found.map_texel_count:,} texels in all, {found.map_bytes / (1 << 20):.0f} MiB"
+            f"{_splatted(found)}; {_found(found)}; error {error_text(found.error_estimate)}",
             highlight=False,
         )
     for made in statistics.passes:
@@ -104,6 +103,17 @@ def print_statistics(console: Console, statistics: SetStatistics) -> None:
     totals = total_stage_ms(statistics)
     console.print(", ".join(f"{stage} {milliseconds(totals[stage])}" for stage in STAGES if stage in totals), highlight=False)
     print_notes(console, statistics.notes, statistics.left_out)
+
+
+def _found(found: ReflectionStatistics) -> str:
+    """What became of the rays."""
+    if found.look_up == ReflectionLookUp.SHADED.value:
+        return f"{found.ray_count:,} rays, all looked up by direction"
+    if found.look_up == ReflectionLookUp.DIRECTION.value:
+        shares = f"{found.by_direction_share:.1%} see a surface, {found.left_share:.1%} none"
+        return f"of {found.ray_count:,} rays, all looked up by direction, {shares}"
+    shares = f"{found.found_share:.1%} met a surface, {found.by_direction_share:.1%} one hidden from their map, {found.left_share:.1%} none"
+    return f"of {found.ray_count:,} rays {shares}"
 
 
 def _splatted(found: ReflectionStatistics) -> str:

@@ -142,6 +142,10 @@ class ReflectionStatistics:
     map_count: int = 0
     map_texel_count: int = 0
     """of all levels"""
+    map_bytes: int = 0
+    """that these take, with what shaded cubes keep of every texel"""
+    look_up: str = ""
+    """how rays look maps up, the name of a ReflectionLookUp"""
     splatted_map_count: int = 0
     """of these, those splatted from the cloud that all share, not drawn one by one"""
     cloud_triangle_count: int = 0
@@ -155,7 +159,7 @@ class ReflectionStatistics:
     found_share: float = 0.0
     """of these, those that met a surface of the map"""
     by_direction_share: float = 0.0
-    """those whose surface was hidden from the map's centre: they show what lies in their direction"""
+    """those that show what lies in their direction: their surface was hidden from the map's centre, or none are followed at all"""
     left_share: float = 0.0
     """those that left the scene and show the world"""
     shaded_count: int = 0

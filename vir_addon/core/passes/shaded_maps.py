@@ -10,7 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
-from ...device.interface import LINEAR_TEXTURE_WIDTH, Texture
+from ...device.interface import LINEAR_TEXTURE_WIDTH, Texture, TextureFormat
 from ...device.owned import Owned
 from .reflection_maps import HEADER_DEFINE, MAP_LEVELS, MAP_NUMBER, MAP_TEXTURES, ReflectionMaps
 from .reflections import (
@@ -85,6 +85,22 @@ LOOK_UP_SHADED = ComputeDeclaration(
 )
 
 
+SHADED_BYTES_PER_TEXEL = 10 * 16
+"""of the textures of ShadedMaps"""
+FILL_TEXELS = ComputeDeclaration(
+    name="fill_texels",
+    text="sets every texel of a texture to the same",
+    source="fill_texels.comp.glsl",
+    local_size=(8, 8, 1),
+    images={"filled": Stored("RGBA32F", "write", "what is filled")},
+    constants={
+        "width": Constant("int", "of the texture"),
+        "height": Constant("int", "of the texture"),
+        "fourth": Constant("float", "the fourth channel; the others are 0"),
+    },
+)
+
+
 class ShadedMaps:
     """Textures of what the texels of some maps see and show."""
 
@@ -93,17 +109,18 @@ class ShadedMaps:
         self.maps, self.device = maps, maps.device
         self.numbers = sorted(numbers)
         self.size = LINEAR_TEXTURE_WIDTH, maps.texels.height
-        nothing = np.zeros((self.size[1], self.size[0], 4), np.float32)
+        fill = self.device.compute_kernel(FILL_TEXELS)
         with Owned() as owned:
 
-            def texture() -> Texture:
-                return owned.own(self.device.upload_texture(nothing))
+            def texture(fourth: float = 0.0) -> Texture:
+                made = owned.own(self.device.create_texture(*self.size, TextureFormat.RGBA32F))
+                fill.dispatch_grid(self.size, filled=made, width=self.size[0], height=self.size[1], fourth=fourth)
+                return made
 
             self.normals, self.surfaces, self.scatterings, self.glosses = (texture() for _ in range(4))
             self.sums, self.radiances = texture(), texture()
             self.rays = {name: texture() for name in ("ray_origins", "ray_directions", "throughputs")}
-            nothing[..., 3] = -1.0
-            self.positions = texture()
+            self.positions = texture(-1.0)
             is_used = np.zeros(grid_shape(*self.size), bool)
             base = 0
             for number, each in enumerate(maps.maps):

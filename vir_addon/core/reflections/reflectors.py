@@ -12,6 +12,7 @@ from ..bounds import SceneBounds
 from ..material import Material
 from ..material_program import typical_value
 from ..passes.reflection_maps import BYTES_PER_TEXEL, FURTHER_MAPS, MAP_SIZE_STEP_PX, ReflectionMap
+from ..passes.shaded_maps import SHADED_BYTES_PER_TEXEL
 from ..scene import SceneSnapshot
 from ..settings import ReflectionLookUp, Settings
 from .map_methods import with_methods
@@ -164,7 +165,7 @@ def choose_reflectors(
     for name, own, is_hidden in others:
         unmapped.append((name, own, _where_hidden(snapshot, bounds, own) if is_hidden else "not in the picture"))
     kept_free = MET_SHARE if bounces > 1 and unmapped else 0.0
-    lines += with_methods(_within_memory(found, settings.reflection_map_mib * (1 - kept_free)), snapshot, settings)
+    lines += with_methods(_within_memory(found, settings.reflection_map_mib * (1 - kept_free), settings), snapshot, settings)
     for name, own, where in unmapped:
         lines.append(Reflector(name, own, runs=bounces > 1, reason=f"{where}{WAITING}" if bounces > 1 else f"skipped: {where}"))
     return PlannedReflections(tuple(lines), bounces)
@@ -222,8 +223,8 @@ def with_met(
     if not groups:
         return planned
     found = [plan_group(group) if len(group) > 1 else plan_one(group[0]) for group in groups]
-    used_mib = sum(each.texel_count for each in planned.maps) * BYTES_PER_TEXEL / (1 << 20)
-    found = with_methods(_within_memory(found, settings.reflection_map_mib - used_mib), snapshot, settings)
+    used_mib = sum(each.texel_count for each in planned.maps) * bytes_per_texel(settings) / (1 << 20)
+    found = with_methods(_within_memory(found, settings.reflection_map_mib - used_mib, settings), snapshot, settings)
     has_map = np.concatenate([each.instances for each in found])
     kept = tuple(each for each in planned.reflectors if each.maps or not np.isin(each.instances, has_map).any())
     return replace(planned, reflectors=(*kept, *found), maps=(*planned.maps, *(drawn for each in found for drawn in each.maps)))
@@ -309,10 +310,15 @@ def _plan_reflector(
     return Reflector(name, own, True, reason, "mvr", seen, met, None, itself, own_cubes, covered_px)
 
 
-def _within_memory(reflectors: list[Reflector], memory_mib: float) -> list[Reflector]:
+def bytes_per_texel(settings: Settings) -> int:
+    """of maps, and of what is kept of each texel where they are shaded whole"""
+    return BYTES_PER_TEXEL + SHADED_BYTES_PER_TEXEL * (settings.reflection_look_up is ReflectionLookUp.SHADED)
+
+
+def _within_memory(reflectors: list[Reflector], memory_mib: float, settings: Settings) -> list[Reflector]:
     """Smaller maps where all together would take more than the settings allow: cubes of reflectors alone first, then without these the
     others, and none of the last reflectors where that is not enough."""
-    budget = memory_mib * (1 << 20) // BYTES_PER_TEXEL
+    budget = memory_mib * (1 << 20) // bytes_per_texel(settings)
     fitting, share = reflectors, 1.0
     while _texel_count(fitting) > budget and share > 1 / ASIDE_MAP_PX:
         share *= SHRINKING
@@ -341,7 +347,7 @@ def _texel_count(reflectors: list[Reflector]) -> int:
 
 def memory_for_maps(device: Device, settings: Settings) -> Settings:
     """The same settings with no more memory for reflectors' maps than the device's largest texture holds."""
-    largest_mib = LINEAR_TEXTURE_WIDTH * device.max_texture_size_px * BYTES_PER_TEXEL >> 20
+    largest_mib = LINEAR_TEXTURE_WIDTH * device.max_texture_size_px * bytes_per_texel(settings) >> 20
     return replace(settings, reflection_map_mib=min(settings.reflection_map_mib, largest_mib))
 
 

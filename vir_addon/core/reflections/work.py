@@ -35,7 +35,7 @@ from ..passes.reflections import (
     SHOW_REFLECTIONS,
 )
 from ..passes.scene_data import SceneData
-from ..passes.shaded_maps import LOOK_UP_SHADED, TEXEL_SURFACES, ShadedMaps
+from ..passes.shaded_maps import FILL_TEXELS, LOOK_UP_SHADED, TEXEL_SURFACES, ShadedMaps
 from ..passes.surface_data import SurfaceData
 from ..passes.tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
 from ..picture import Shown
@@ -45,7 +45,7 @@ from ..settings import ADAPTIVE_STEP, RECURSIVE_SAMPLES, ReflectionFilter, Refle
 from ..steps import HostWork, Steps, compiling
 from ..stopwatch import Stopwatch
 from .reflector_passes import ReflectorPasses
-from .reflectors import PlannedReflections, memory_for_maps, reflects, with_met
+from .reflectors import PlannedReflections, bytes_per_texel, memory_for_maps, reflects, with_met
 from .seen_places import SeenPlaces
 
 DRAWN = (Shown.REFLECTION, Shown.REFLECTION_COLOR, Shown.REFLECTED)
@@ -172,6 +172,8 @@ class ReflectionWork:
         self.planned, self.maps, self.instance_maps, self.emitters = planned, maps, instance_maps, table
         self.statistics.map_count = len(planned.maps)
         self.statistics.map_texel_count = sum(each.texel_count for each in planned.maps)
+        self.statistics.map_bytes = self.statistics.map_texel_count * bytes_per_texel(self.plan.settings)
+        self.statistics.look_up = self.plan.settings.reflection_look_up.value
         self.statistics.splatted_map_count = sum(each.method is not ReflectionMethod.MVR for each in planned.maps)
 
     def _forget_maps(self) -> None:
@@ -182,6 +184,7 @@ class ReflectionWork:
         while True:
             yield from self.drawing_maps(stopwatch)
             if self.plan.settings.reflection_look_up is ReflectionLookUp.SHADED:
+                yield from compiling(self.device, FILL_TEXELS)
                 yield from compiling(self.device, TEXEL_SURFACES)
                 with stopwatch.stage("reflection maps"):
                     self._shade_texels()
