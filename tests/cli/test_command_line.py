@@ -204,7 +204,7 @@ def test_what_the_driver_says_is_passed_on():
     ],
 )
 def test_what_the_papers_do_with_reflections_can_be_asked_for(given, expected):
-    settings = settings_of(make_parser().parse_args(["plan", "scene.blend", *given.split()]))
+    settings = settings_of(make_parser().parse_args(["plan", "scene.blend", "--effects", "reflection", *given.split()]))
     assert (settings.reflection_filter, settings.reflection_sample_count, settings.reflection_cube_px) == expected
 
 
@@ -238,10 +238,20 @@ def test_exit_statuses(blend, folder):
         (2, "at most 1 texel", ("plan", blend, "--culling-area", "2")),
         (2, "--culling-area does nothing with the method micro", ("plan", blend, "--method", "micro", "--culling-area", "0.1")),
         (2, "--pcss-samples does nothing with the method auto", ("plan", blend, "--pcss-samples", "32+64")),
-        (2, "--points-per-eye-pixel does nothing with", ("plan", blend, "--reflection-method", "mvr", "--points-per-eye-pixel", "1")),
-        (2, "in steps of 32, not 100", ("plan", blend, "--reflection-cube", "100")),
+        (
+            2,
+            "--points-per-eye-pixel does nothing with",
+            ("plan", blend, "--effects", "reflection", "--reflection-method", "mvr", "--points-per-eye-pixel", "1"),
+        ),
+        (2, "--reflection-look-up does nothing without", ("plan", blend, "--reflection-look-up", "shaded", "--reflection-cube", "64")),
+        (2, "--points-per-eye-pixel does nothing without", ("plan", blend, "--points-per-eye-pixel", "1")),
+        (2, "in steps of 32, not 100", ("plan", blend, "--effects", "reflection", "--reflection-cube", "100")),
         (2, "samples of a pixel, not 0", ("plan", blend, "--reflection-samples", "0")),
-        (2, "another filter than adaptive", ("plan", blend, "--reflection-filter", "adaptive", "--per-reflector")),
+        (
+            2,
+            "another filter than adaptive",
+            ("plan", blend, "--effects", "reflection", "--reflection-filter", "adaptive", "--per-reflector"),
+        ),
         (3, "is not there", ("render", folder / "missing.blend", "--output", folder / "x")),
         (3, "not a .blend", ("plan", broken)),
         (3, "camera", ("plan", no_camera)),

@@ -264,6 +264,22 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--resolution", type=parse_resolution, metavar="960x540", help="of the picture; default: the scene's")
 
 
+def _refuse_options_of_reflections(arguments: argparse.Namespace) -> None:
+    """Those that change how reflections are made."""
+    given = {
+        "--reflection-look-up": arguments.reflection_look_up is not Settings.reflection_look_up,
+        "--reflection-cube": arguments.reflection_cube is not None,
+        "--reflection-filter": arguments.reflection_filter is not Settings.reflection_filter,
+        "--reflection-method": arguments.reflection_method is not Settings.reflection_method,
+        "--points-per-eye-pixel": arguments.points_per_eye_pixel is not None,
+        "--per-reflector": arguments.per_reflector,
+        "--no-planar": arguments.no_planar,
+    }
+    for option, is_given in given.items():
+        if is_given:
+            raise UsageError(f"{option} does nothing without reflections; leave it out, or choose --effects reflection")
+
+
 def settings_of(arguments: argparse.Namespace) -> Settings:
     """Raises UsageError for values out of range, and for options of methods other than the chosen one."""
     method = arguments.method
@@ -278,6 +294,8 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         if method is not Method.PCSS:
             raise UsageError(f"--pcss-samples does nothing with the method {method.value}; leave it out, or choose {Method.PCSS.value}")
         options["blocker_sample_count"], options["filter_sample_count"] = arguments.pcss_samples
+    if Effect.REFLECTION not in arguments.effects:
+        _refuse_options_of_reflections(arguments)
     if arguments.points_per_eye_pixel is not None:
         if arguments.reflection_method not in (ReflectionMethod.AUTO, ReflectionMethod.EPR):
             raise UsageError(
