@@ -138,3 +138,15 @@ def test_shaded_cubes_show_one_bounce_and_flat_mirrors_have_them_too():
     chosen = plan(snapshot(meshes, [], camera, WIDTH, HEIGHT, materials=[mirror()] * 3, world=World()), settings)
     assert chosen.reflections.bounces == 1 and all(each.is_cube for each in chosen.reflections.maps)
     assert (chosen.batch_count, chosen.eye_samples_per_batch) == (8, 1)
+
+
+def test_plans_count_the_shading_of_every_texel_in_every_round():
+    scene = ball_in_a_box()
+    predicted = {}
+    for look_up in ReflectionLookUp:
+        for count in (1, 4):
+            settings = Settings(reflection_look_up=look_up, reflection_sample_count=count, **MVR)
+            predicted[look_up, count] = plan(scene, settings).reflections.predicted_ms
+    assert predicted[ReflectionLookUp.DIRECTION, 1] == predicted[ReflectionLookUp.MARCH, 1]
+    first, fourth = (predicted[ReflectionLookUp.SHADED, count] - predicted[ReflectionLookUp.MARCH, count] for count in (1, 4))
+    assert first > 0 and fourth == pytest.approx(4 * first)

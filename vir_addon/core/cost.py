@@ -19,7 +19,7 @@ from .passes.reflection_maps import ReflectionMap
 from .passes.shadow_maps import BYTES_PER_TEXEL, MAX_BATCH_VIEWS
 from .sampling import pixel_offsets
 from .scene import Light, LightShape, SceneSnapshot
-from .settings import Hardware, Method, PointGeneration, PointStorage, ReflectionMethod, Settings
+from .settings import Hardware, Method, PointGeneration, PointStorage, ReflectionLookUp, ReflectionMethod, Settings
 
 if TYPE_CHECKING:
     from .reflections.reflectors import PlannedReflections
@@ -29,9 +29,11 @@ MICRO_BYTES_PER_TRIANGLE = 48
 SMALL_PERIMETER_TEXELS = 12.0
 """around what micro-triangle rasterization calls small (core/passes/small_triangles.py)"""
 MAP_NS_PER_TEXEL = 60.0
+SHADING_NS_PER_TEXEL = 850.0
+"""of a round, of maps that are shaded whole, coarser levels and a lamp's light included: 2.2 s for 2.6 million"""
 LOOK_UPS_PER_RAY = 900.0
 """A reflected ray, and the one that the world lights its hit along, took about ten microseconds on a software rasterizer."""
-"""of a software rasterizer; on a GPU neither was measured yet"""
+"""of a software rasterizer; on a GPU none of these was measured yet"""
 FACES_OF_INSTANCE = 2
 """of a cube, that an instance is drawn for; others do not see it"""
 IVIR_SHARE = 1.3
@@ -163,7 +165,8 @@ def eye_ms(snapshot: SceneSnapshot, settings: Settings, eye_sample_count: int) -
 
 
 def reflections_ms(snapshot: SceneSnapshot, settings: Settings, planned: PlannedReflections, round_count: int) -> float:
-    """Maps of all reflectors, and rays of all rounds; not the light on what they meet, which is the lights'."""
+    """Maps of all reflectors, rays of all rounds as if all were followed, and texels that are shaded; not the light on what rays
+    meet, which is the lights'."""
     texels = sum(each.texel_count for each in planned.maps)
     rays = round_count * planned.bounces * sum(math.prod(reflector.covered_px) for reflector in planned.reflectors)
     maps_ms = sum(
@@ -171,7 +174,9 @@ def reflections_ms(snapshot: SceneSnapshot, settings: Settings, planned: Planned
         for method in ReflectionMethod
         if method is not ReflectionMethod.AUTO
     )
-    return maps_ms + (texels * MAP_NS_PER_TEXEL + rays * LOOK_UPS_PER_RAY * RATES[settings.hardware].look_up) * 1e-6
+    shaded_texels = texels * round_count * (settings.reflection_look_up is ReflectionLookUp.SHADED)
+    texels_ns = texels * MAP_NS_PER_TEXEL + shaded_texels * SHADING_NS_PER_TEXEL
+    return maps_ms + (texels_ns + rays * LOOK_UPS_PER_RAY * RATES[settings.hardware].look_up) * 1e-6
 
 
 def cubes_ms(snapshot: SceneSnapshot, settings: Settings, maps: Sequence[ReflectionMap], method: ReflectionMethod) -> float:
