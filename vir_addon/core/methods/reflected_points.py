@@ -4,8 +4,8 @@
 `ivir`: what takes few texels becomes points, as dense as the nearest cube needs them. `epr`: what is small is a splat, clipped by
 its triangle; nothing is denser than the eye's pixels on the way by the reflector. Of what is far below a sample both keep only
 some, at random, and each cube leaves out more of it the farther away it is: a triangle has one random number for all. What is
-large is splatted tile by tile. 64-bit atomics are missing on the devices that there are, so depths come first and then the
-smallest number of a triangle at that depth: the same in every run.
+large is splatted tile by tile. 64-bit atomics are not used: depths come first and then the smallest number of a triangle at that
+depth, the same in every run.
 """
 
 from __future__ import annotations
