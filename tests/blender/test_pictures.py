@@ -24,9 +24,9 @@ def device():
     opened.close()
 
 
-def passes_of(scene, device, **settings):
+def passes_of(scene, device, resolution=RESOLUTION, **settings):
     settings = {"method": Method.MVR, "view_count": 16, "map_resolution_px": 512, **settings}
-    (job,) = frame_jobs(scene, scene.frame_current, Settings(**settings), RESOLUTION).values()
+    (job,) = frame_jobs(scene, scene.frame_current, Settings(**settings), resolution).values()
     return run(job, device).images
 
 
@@ -238,3 +238,20 @@ def test_instanced_collection_counts_as_a_surface(scene, add):
     instancer.hide_render = True
     (job,) = frame_jobs(scene, 1, Settings()).values()
     assert not job.plan.passes[0].runs
+
+
+@pytest.mark.parametrize(("seed", "kind"), [(3, "POINT"), (16, "AREA"), (41, "SPOT"), (54, "POINT")])
+def test_nothing_leaves_a_closed_box_at_the_picture_s_border(scene, add, device, seed, kind):
+    """Samples of the outermost pixels see beyond their centres, and faces of a cube may hold no more than that. The box does not show, so
+    maps are made."""
+    random = np.random.default_rng(seed)
+    add.mesh("Floor", [(-60, -60, 0), (60, -60, 0), (60, 60, 0), (-60, 60, 0)], [(0, 1, 2, 3)])
+    add.cube("Around", location=(0, 0, 1.5), scale=(0.6, 0.6, 0.6), rotation_euler=random.uniform(-0.6, 0.6, 3), visible_camera=False)
+    data = {"size": 0.3} if kind == "AREA" else {"shadow_soft_size": 0.2}
+    lamp = add.light("Lamp", kind, data=data, location=(0, 0, 1.5), rotation_euler=random.uniform(-0.6, 0.6, 3))
+    if kind == "SPOT":
+        lamp.data.spot_size = random.uniform(1, 3)
+    scene.camera.location, scene.camera.rotation_euler = (0.4, -6.0, 5.2), (random.uniform(0.85, 1.1), 0, random.uniform(-0.2, 0.2))
+    for map_px in (64, 512):
+        image = passes_of(scene, device, (240, 135), map_resolution_px=map_px)["VIR Shadow Lamp"]
+        assert image.max() == 0

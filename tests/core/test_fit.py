@@ -242,11 +242,11 @@ def test_receivers_reach_as_far_beyond_the_picture_as_its_samples(pitch_rad, is_
     light = point_light(eye=(0.0, 3.0, 2.0))
     edges = np.array([-beyond_px, height - 1 + beyond_px]), np.array([-beyond_px, width - 1 + beyond_px])
     corners = places(*np.meshgrid(*edges, indexing="ij")).reshape(-1, 3)
-    found = select_receivers(positions, normals, light, beyond_px).points_ws
+    found = select_receivers(positions, normals, light, beyond_px).beyond_ws
     for corner in corners:
         assert np.linalg.norm(found - corner, axis=1).min() < 1e-6
-    within = select_receivers(positions, normals, light).points_ws
+    within = select_receivers(positions, normals, light, beyond_px).points_ws
     np.testing.assert_array_equal(within, positions[..., :3].reshape(-1, 3))
     positions[0, :, 3] = 1  # another instance: nothing is known of how it goes on
-    fewer = select_receivers(positions, normals, light, beyond_px).points_ws
+    fewer = select_receivers(positions, normals, light, beyond_px).beyond_ws
     assert len(fewer) < len(found) and fewer[:, 1].min() >= within[:, 1].min() - 1e-9

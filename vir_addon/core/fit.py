@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -399,5 +399,7 @@ def fit_light(
     if light.shape is LightShape.SUN:
         return [fit_sun(light, samples_m, casters, receivers, resolution_px, bounds, searched_m)], False
     faces = choose_faces(light, receivers.points_ws, samples_m)
+    if len(faces) > 1:
+        receivers = replace(receivers, points_ws=np.concatenate([receivers.points_ws, receivers.beyond_ws]))
     fitted = (fit_face(face, light, samples_m, casters, receivers, resolution_px, pixels, searched_m) for face in faces)
     return [face for face in fitted if face is not None], len(faces) > 1

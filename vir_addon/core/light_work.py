@@ -94,8 +94,9 @@ def fit_places(planned: PlannedPass, light: Light, plan: RenderPlan, scene_data:
 
 
 def _beyond_px(scene_data: SceneData) -> float:
-    """How far from pixels' centres their samples are, and half a pixel by which those of shared visibility are moved"""
-    return scene_data.snapshot.pixel_filter.width_px / 2 + 0.5
+    """How far from pixels' centres their samples may be; those of shared visibility are moved by a quarter of a pixel at most"""
+    width_px = scene_data.snapshot.pixel_filter.width_px
+    return width_px / 2 + 0.25 if width_px else 0.0
 
 
 def fit_both(
@@ -105,7 +106,12 @@ def fit_both(
     larger texels. own: as planned for the picture; joint: for both"""
     seen, shown = (select_receivers(*places, light, _beyond_px(scene_data)) for places in (in_picture, reflected))
     fit = fit_views(own, light, plan, scene_data, seen)
-    both = Receivers(np.concatenate([seen.points_ws, shown.points_ws]), seen.margin, max(seen.gap_tangent, shown.gap_tangent))
+    both = Receivers(
+        np.concatenate([seen.points_ws, shown.points_ws]),
+        seen.margin,
+        max(seen.gap_tangent, shown.gap_tangent),
+        np.concatenate([seen.beyond_ws, shown.beyond_ws]),
+    )
     wider = fit_views(joint, light, plan, scene_data, both)
     if fit.texel_growth(wider) > MAX_TEXEL_GROWTH:
         return fit, False

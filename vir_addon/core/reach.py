@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -57,13 +57,16 @@ class Receivers:
     """share by which windows are wider than these points: later eye samples are offset by parts of a pixel and see more"""
     gap_tangent: float = 0.0
     """how far from these points, as seen from the light's centre, others may be; 0 where the outermost are all there"""
+    beyond_ws: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    """(m, 3) float64: what samples of the picture's outermost pixels may see beyond its edge. Faces of a cube may reach into the picture by
+    a few pixels, of which a margin is next to nothing; a single face's margin covers these places"""
 
 
 def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light, beyond_px: float = 0.0) -> Receivers:
     """What of an eye G-buffer lies where the light shines and is (by either normal) turned towards some of it.
 
     positions, normals: the G-buffer's textures, (height, width, 4). beyond_px: how far beyond the centres of the picture's outermost pixels
-    its samples reach: lights that take a cube have faces that reach into the picture by a few pixels, of which a margin is next to nothing.
+    its samples reach.
     """
     # rows and columns between are within the margin
     step = math.ceil(math.sqrt(positions.shape[0] * positions.shape[1] / MAX_RECEIVER_PIXELS))
@@ -94,18 +97,17 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light, b
     margin = _margin(surface, reach, picture)
     is_within = np.flatnonzero(surface)[reach] < math.prod(picture)
     points, p = points[reach], p[reach]
+    beyond_ws, points, p = points[~is_within], points[is_within], p[is_within]
+    if len(points) <= MAX_RECEIVER_POINTS:
+        return Receivers(points, margin, beyond_ws=beyond_ws)
     # what one map of each view reaches has no seams
     single_tangent = MAX_SINGLE_FACE_TANGENT * (1 - MIN_RECEIVER_MARGIN)
-    is_single = is_sun or (light.shape.is_area and _is_within(p[is_within], single_tangent, half).all())
-    if is_single:
-        points, p = points[is_within], p[is_within]
-    if len(points) <= MAX_RECEIVER_POINTS:
-        return Receivers(points, margin)
+    is_single = is_sun or (light.shape.is_area and _is_within(p, single_tangent, half).all())
     if is_single:
         every = np.arange(0, len(points), -(-len(points) // MAX_RECEIVER_POINTS))
         outermost = _outermost(p[:, :2] if is_sun else p[:, :2] / p[:, 2:], p[:, 2])
         return Receivers(points[np.unique(np.concatenate([every, *outermost]))], margin)
-    return Receivers(points[np.unique(_spread_over_directions(p))], margin, 2 / DIRECTION_CELLS)
+    return Receivers(points[np.unique(_spread_over_directions(p))], margin, 2 / DIRECTION_CELLS, beyond_ws)
 
 
 def lit_places(light: Light, p_ls: np.ndarray) -> np.ndarray:
