@@ -3,14 +3,11 @@
 
 void main() {
     ReflectionMap map = load_map(map_number);
-    ivec2 size = map.size >> level;
-    ivec2 at = ivec2(gl_GlobalInvocationID.xy);
-    if (at.x >= size.x || at.y >= size.y * face_count(map)) {
+    int face;
+    ivec2 cell;
+    if (!find_cell(map, level, face, cell)) {
         return;
     }
-    int row = at.y / size.y;
-    int face = map.is_cube ? row : 4;
-    ivec2 cell = ivec2(at.x, at.y - row * size.y);
     vec2 range = vec2(NOTHING_NEARER, -1.0);
     for (int k = 0; k < 4; k++) {
         vec4 finer = imageLoad(map_texels, linear_texel(map_index(map, level - 1, face, 2 * cell + ivec2(k & 1, k >> 1))));

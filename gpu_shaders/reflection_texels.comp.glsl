@@ -31,12 +31,11 @@ const float RANGE_ROUNDING = 4.0e-6;  // of a depth: planes are computed from co
 void main() {
     ReflectionMap map = load_map(map_number);
     ivec2 at = ivec2(gl_GlobalInvocationID.xy);
-    if (at.x >= map.size.x || at.y >= map.size.y * face_count(map)) {
+    int face;
+    ivec2 cell;
+    if (!find_cell(map, 0, face, cell)) {
         return;
     }
-    int row = at.y / map.size.y;
-    int face = map.is_cube ? row : 4;
-    ivec2 cell = ivec2(at.x, at.y - row * map.size.y);
 #ifdef OF_CLOUD
     uvec2 seen = nearer(map, face, cell, at, is_drawn != 0 ? texelFetch(visibility, at, 0).xy : uvec2(0u));
 #else

@@ -4,13 +4,11 @@
 
 void main() {
     ReflectionMap map = load_map(map_number);
-    ivec2 at = ivec2(gl_GlobalInvocationID.xy);
-    if (at.x >= map.size.x || at.y >= map.size.y * face_count(map)) {
+    int face;
+    ivec2 cell;
+    if (!find_cell(map, 0, face, cell)) {
         return;
     }
-    int row = at.y / map.size.y;
-    int face = map.is_cube ? row : 4;
-    ivec2 cell = ivec2(at.x, at.y - row * map.size.y);
     ivec2 address = linear_texel(map_index(map, 0, face, cell));
     vec3 along = from_face(face, vec3(map.corner + (vec2(cell) + 0.5) * map.texel, 1.0));
     vec3 direction = normalize(along.x * map.axis_x + along.y * map.axis_y + along.z * map.axis_z);

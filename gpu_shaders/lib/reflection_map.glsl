@@ -89,3 +89,13 @@ int map_index(ReflectionMap map, int level, int face, ivec2 cell) {
     int before = (finest - (finest >> (2 * level))) / 3;
     return map.base + before + (face_row(map, face) * size.y + cell.y) * size.x + cell.x;
 }
+
+// The face and cell of a level that an invocation is for, the faces lying from bottom to top; false beyond them.
+bool find_cell(ReflectionMap map, int level, out int face, out ivec2 cell) {
+    ivec2 size = map.size >> level;
+    ivec2 at = ivec2(gl_GlobalInvocationID.xy);
+    int row = at.y / max(size.y, 1);
+    face = map.is_cube ? row : 4;
+    cell = ivec2(at.x, at.y - row * size.y);
+    return at.x < size.x && at.y < size.y * face_count(map);
+}

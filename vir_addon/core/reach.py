@@ -73,34 +73,14 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light, b
     rows, columns = (np.unique([*range(0, count, step), count - 1]) for count in positions.shape[:2])  # up to the picture's edges
     is_sun = light.shape is LightShape.SUN
     beyond = _beyond_edges(positions, normals, rows, columns, beyond_px) if beyond_px > 0 and not is_sun else None
-    positions, normals = (image[np.ix_(rows, columns)] for image in (positions, normals))
-    picture = positions.shape[:2]
-    if beyond is not None:
-        positions, normals = (
-            np.concatenate([image.reshape(1, -1, 4), added[None]], axis=1)
-            for image, added in zip((positions, normals), beyond, strict=True)
-        )
-    surface = positions[..., 3] >= 0
-    if light.receivers is not None:
-        surface &= light.receivers[np.maximum(positions[..., 3], 0).astype(np.int64)]
-    points = positions[surface][:, :3].astype(np.float64)
-    normal = normals[surface][:, :3].astype(np.float64)
-    axes, center = light_axes(light), light.world_from_light[:3, 3]
-    half = np.hypot(light.size_x_m, light.size_y_m) / 2
-    p = _along(axes, points - center)
-    # the light's nearest point to the plane of the surface decides whether any of it is above the horizon; the shading normal
-    # may lean towards the light by as much again, so surfaces turned away by a little are kept
-    towards = np.full_like(p, (0.0, 0.0, -1.0)) if is_sun else -p
-    distances = np.sqrt(np.einsum("ij,ij->i", towards, towards))
-    turned = np.einsum("ij,ij->i", _along(axes, normal), towards) > -half - 0.5 * distances
-    reach = lit_places(light, p) & turned
-    margin = _margin(surface, reach, picture)
-    is_within = np.flatnonzero(surface)[reach] < math.prod(picture)
-    points, p = points[reach], p[reach]
-    beyond_ws, points, p = points[~is_within], points[is_within], p[is_within]
+    beyond_ws = np.zeros((0, 3)) if beyond is None else _reached(*beyond, light)[1]
+    chosen = np.ix_(rows, columns)
+    is_reached, points, p = _reached(positions[chosen], normals[chosen], light)
+    margin = _margin(is_reached)
     if len(points) <= MAX_RECEIVER_POINTS:
         return Receivers(points, margin, beyond_ws=beyond_ws)
     # what one map of each view reaches has no seams
+    half = _half_size_m(light)
     single_tangent = MAX_SINGLE_FACE_TANGENT * (1 - MIN_RECEIVER_MARGIN)
     is_single = is_sun or (light.shape.is_area and _is_within(p, single_tangent, half).all())
     if is_single:
@@ -108,6 +88,30 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light, b
         outermost = _outermost(p[:, :2] if is_sun else p[:, :2] / p[:, 2:], p[:, 2])
         return Receivers(points[np.unique(np.concatenate([every, *outermost]))], margin)
     return Receivers(points[np.unique(_spread_over_directions(p))], margin, 2 / DIRECTION_CELLS, beyond_ws)
+
+
+def _half_size_m(light: Light) -> float:
+    return float(np.hypot(light.size_x_m, light.size_y_m)) / 2
+
+
+def _reached(positions: np.ndarray, normals: np.ndarray, light: Light) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of (..., 4) positions and normals, as of `select_receivers`: (...) bool what the light reaches, and where that is, (n, 3) float64
+    world space and light space."""
+    is_reached = positions[..., 3] >= 0
+    if light.receivers is not None:
+        is_reached &= light.receivers[np.maximum(positions[..., 3], 0).astype(np.int64)]
+    points = positions[is_reached][:, :3].astype(np.float64)
+    normal = normals[is_reached][:, :3].astype(np.float64)
+    axes = light_axes(light)
+    p = _along(axes, points - light.world_from_light[:3, 3])
+    # the light's nearest point to the plane of the surface decides whether any of it is above the horizon; the shading normal
+    # may lean towards the light by as much again, so surfaces turned away by a little are kept
+    towards = np.full_like(p, (0.0, 0.0, -1.0)) if light.shape is LightShape.SUN else -p
+    distances = np.sqrt(np.einsum("ij,ij->i", towards, towards))
+    turned = np.einsum("ij,ij->i", _along(axes, normal), towards) > -_half_size_m(light) - 0.5 * distances
+    reach = lit_places(light, p) & turned
+    is_reached[is_reached] = reach
+    return is_reached, points[reach], p[reach]
 
 
 def lit_places(light: Light, p_ls: np.ndarray) -> np.ndarray:
@@ -203,12 +207,12 @@ def _extrapolated(inwards: np.ndarray, normals: np.ndarray, beyond_px: float) ->
     return found
 
 
-def _margin(surface: np.ndarray, reach: np.ndarray, picture: tuple[int, ...]) -> float:
-    """In a small picture, or one that shows little of what is lit, a pixel is a large share of the window. picture: rows and columns, the
-    first of what is told to be a surface or not"""
-    is_reached = np.zeros(surface.size, bool)
-    is_reached[np.flatnonzero(surface)[reach]] = True
-    rows, columns = np.nonzero(is_reached[: math.prod(picture)].reshape(picture))
+def _margin(is_reached: np.ndarray) -> float:
+    """In a small picture, or one that shows little of what is lit, a pixel is a large share of the window.
+
+    is_reached: (rows, columns) bool
+    """
+    rows, columns = np.nonzero(is_reached)
     if not len(rows):
         return MIN_RECEIVER_MARGIN
     return max(MIN_RECEIVER_MARGIN, RECEIVER_MARGIN_PX / (min(np.ptp(rows), np.ptp(columns)) + 1))
