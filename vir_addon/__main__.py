@@ -31,7 +31,7 @@ def _run(argv: list[str] | None) -> int:
         print(f"vir: the command line needs the package rich ({error}); run: python -m pip install rich", file=sys.stderr)
         return 4
     from .cli.arguments import make_parser
-    from .core.errors import VirError
+    from .core.errors import DeviceError, VirError
 
     arguments = make_parser().parse_args(argv)
     # a name that the terminal cannot show must not end a render; without a terminal or a file there is no stream at all
@@ -45,7 +45,10 @@ def _run(argv: list[str] | None) -> int:
 
             run_doctor(console)
         else:
-            from .cli.commands import run_plan, run_render
+            try:
+                from .cli.commands import run_plan, run_render
+            except ModuleNotFoundError as error:
+                raise DeviceError(f"a package is missing ({error}); python -m vir_addon doctor says what to install") from error
 
             (run_plan if arguments.command == "plan" else run_render)(arguments, console)
     except VirError as error:

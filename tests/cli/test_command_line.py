@@ -171,6 +171,27 @@ def test_doctor_without_a_driver():
     assert "no device is usable" in done.stderr and "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize("package", ["rich", "numpy"])
+@pytest.mark.parametrize("command", ["doctor", "plan"])
+def test_without_a_package_that_everything_needs(blend, command, package):
+    script = """if True:
+        import runpy, sys
+        class Missing:
+            package = sys.argv.pop()
+            @classmethod
+            def find_spec(cls, name, *_):
+                if name.partition(".")[0] == cls.package:
+                    raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+        sys.meta_path.insert(0, Missing)
+        runpy.run_module("vir_addon", run_name="__main__", alter_sys=True)
+    """
+    arguments = [command] if command == "doctor" else [command, str(blend)]
+    whole = [sys.executable, "-c", script, *arguments, package]
+    done = subprocess.run(whole, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+    assert done.returncode == 4, (done.stdout, done.stderr)
+    assert package in done.stderr and "install" in done.stderr and "Traceback" not in done.stderr
+
+
 @pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="has no GPU in background")
 def test_what_the_driver_says_is_passed_on():
     """Only the refusals of a search that ends well are left out."""

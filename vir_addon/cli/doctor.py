@@ -48,7 +48,10 @@ def _print_packages(console: Console) -> None:
 
 
 def _print_devices(console: Console) -> None:
-    from ..device.open import open_device
+    try:
+        from ..device.open import open_device
+    except ImportError as error:
+        raise DeviceError(f"no device can be tried ({error}); see above for what to install") from error
 
     usable = 0
     for name in ("moderngl", "gpu"):
