@@ -21,7 +21,7 @@ from tests.benchmarks.memory import forget_peak
 from tests.benchmarks.options import Options
 from tests.benchmarks.speed import Asked, verdict_rows
 from tests.benchmarks.timing import take_turns
-from vir_addon.core.plan import AUTO_METHODS
+from vir_addon.core.light_plan import AUTO_METHODS
 from vir_addon.core.settings import Method, ReflectionMethod
 from vir_addon.device.open import open_device
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vir_addon.core.plan import AUTO_METHODS, plan, settings_for
+from vir_addon.core.light_plan import AUTO_METHODS
+from vir_addon.core.plan import plan, settings_for
 from vir_addon.core.render import render
 from vir_addon.core.scene import SceneSnapshot
 from vir_addon.core.settings import Method, Settings

@@ -12,11 +12,12 @@ import numpy as np
 
 from vir_addon.core.bounds import compute_bounds
 from vir_addon.core.errors import UsageError
+from vir_addon.core.light_plan import PlannedPass
 from vir_addon.core.light_work import LightWork, MapStore
 from vir_addon.core.methods.base import DepthMapMethod
 from vir_addon.core.passes.eye import EyePass
 from vir_addon.core.passes.scene_data import SceneData
-from vir_addon.core.plan import PlannedPass, RenderPlan, check_device, plan, settings_for
+from vir_addon.core.plan import RenderPlan, check_device, plan, settings_for
 from vir_addon.core.scene import SceneSnapshot
 from vir_addon.core.settings import Method, Settings
 from vir_addon.core.stopwatch import Stopwatch

@@ -13,7 +13,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from vir_addon.core.plan import AUTO_METHODS, plan
+from vir_addon.core.light_plan import AUTO_METHODS
+from vir_addon.core.plan import plan
 from vir_addon.core.render import render
 from vir_addon.core.settings import Method, Settings
 from vir_addon.device.open import open_device

@@ -21,8 +21,9 @@ from tests.eevee import choose_eevee
 from vir_addon.blender.job import frame_jobs
 from vir_addon.blender.job import run as run_job
 from vir_addon.core.exr import write_exr
+from vir_addon.core.light_plan import AUTO_METHODS
 from vir_addon.core.pass_set import shadow_pass_name
-from vir_addon.core.plan import AUTO_METHODS, settings_for
+from vir_addon.core.plan import settings_for
 from vir_addon.core.settings import Method, Settings
 from vir_addon.device.interface import Device
 from vir_addon.device.open import open_device

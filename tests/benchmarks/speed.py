@@ -19,7 +19,7 @@ from demo_scenes import colonnade as colonnade_scene
 from demo_scenes import forest as forest_scene
 from demo_scenes import furnished_room as furnished_room_scene
 from vir_addon.blender.job import take_snapshot
-from vir_addon.core.plan import AUTO_METHODS
+from vir_addon.core.light_plan import AUTO_METHODS
 from vir_addon.core.scene import SceneSnapshot
 from vir_addon.core.settings import Method, Settings
 from vir_addon.device.interface import Device

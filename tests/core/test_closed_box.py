@@ -28,7 +28,7 @@ WIDTH, HEIGHT = 96, 54
 @pytest.fixture(autouse=True)
 def _maps_have_to_tell(monkeypatch):
     """Of closed meshes the plan knows it (tests/core/test_enclosure.py); here it does not."""
-    monkeypatch.setattr("vir_addon.core.plan.sealing_object", lambda *_: None)
+    monkeypatch.setattr("vir_addon.core.light_plan.sealing_object", lambda *_: None)
 
 
 def boxed_light(inside_out, light_turned=False):

@@ -3,6 +3,7 @@
 import pytest
 
 from tests.scenes import area_light, box, bumpy_sphere, floor, mirror, perspective_camera, point_light, snapshot
+from vir_addon.core import light_plan
 from vir_addon.core import plan as planning
 from vir_addon.core.forecast import make_forecast, predict_error
 from vir_addon.core.plan import PlannedOnce, plan
@@ -56,8 +57,8 @@ def test_faces_are_fitted_once_for_every_map_resolution(lamps, monkeypatch):
         fitted.append(light.name)
         return fit_light(snapshot, light, *rest)
 
-    fit_light = planning.fit_light
-    monkeypatch.setattr(planning, "fit_light", noting)
+    fit_light = light_plan.fit_light
+    monkeypatch.setattr(light_plan, "fit_light", noting)
     make_forecast(lamps, planned)
     assert len(fitted) == len(lamps.lights) * len(MAP_RESOLUTIONS_PX)
 

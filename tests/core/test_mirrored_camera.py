@@ -7,9 +7,9 @@ import pytest
 
 from tests.scenes import area_light, box, camera_from_above, floor, matte, mirror, perspective_camera, render_passes, snapshot
 from vir_addon.core.bounds import compute_bounds
+from vir_addon.core.frustum import instances_in_picture
 from vir_addon.core.material import World
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, shadow_pass_name
-from vir_addon.core.plan import instances_in_picture
 from vir_addon.core.settings import Effect, Method
 
 WIDTH, HEIGHT = 96, 54

@@ -1,7 +1,6 @@
 """What a scene does not call for is not done, and the plan says why."""
 
 import dataclasses
-import sys
 
 import numpy as np
 import pytest
@@ -22,10 +21,11 @@ from tests.scenes import (
     sun_light,
     with_opacity,
 )
-from vir_addon.core import cost
+from vir_addon.core import cost, light_plan
 from vir_addon.core.errors import SceneError, UsageError
+from vir_addon.core.light_plan import AUTO_METHODS
 from vir_addon.core.passes import eye
-from vir_addon.core.plan import AUTO_METHODS, plan, settings_for
+from vir_addon.core.plan import plan, settings_for
 from vir_addon.core.render import render
 from vir_addon.core.scene import Mesh
 from vir_addon.core.settings import Hardware, Method, PointGeneration, PointStorage, Settings
@@ -508,9 +508,8 @@ def test_lights_that_nothing_has_changed_for_are_not_planned_again(change, monke
     assert sum(line.kept_map_bytes > 0 for line in before.passes) == 1
     changed = (CHANGED[change].get(light.name, light) for light in scene.lights)
     after = dataclasses.replace(scene, lights=tuple(filter(None, changed)))
-    asked, module = [], sys.modules[plan.__module__]
-    plan_light = module._plan_light
-    monkeypatch.setattr(module, "_plan_light", lambda *given: asked.append(given[1].light.name) or plan_light(*given))
+    asked, plan_light = [], light_plan._plan_light
+    monkeypatch.setattr(light_plan, "_plan_light", lambda *given: asked.append(given[1].light.name) or plan_light(*given))
     found = plan(after, settings, (scene, before))
     again = set(asked)
     assert found == plan(after, settings)

@@ -12,8 +12,8 @@ import bpy
 
 from ..core.errors import VirError
 from ..core.forecast import Forecast, make_forecast, predict_error
+from ..core.light_plan import PlannedPass
 from ..core.pass_set import PassSet, PassStatistics, SetStatistics
-from ..core.plan import PlannedPass
 from .job import LayerJob
 from .stepped_render import SteppedRender, stop_all
 

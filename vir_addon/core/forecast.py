@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .plan import MANY_VIEWS, PlannedOnce, RenderPlan, plan
+from .batches import MANY_VIEWS
+from .plan import PlannedOnce, RenderPlan, plan
 from .quality import FEWEST_VIEWS, MAP_RESOLUTION_OF_VIEWS, MAP_RESOLUTIONS_PX, MOST_VIEWS
 from .scene import SceneSnapshot
 

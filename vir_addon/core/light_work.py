@@ -13,6 +13,7 @@ from ..device.interface import ComputeKernel, Device, Texture, TextureFormat
 from ..device.owned import Owned, Shared
 from .bounds import cullable_instances
 from .fit import FittedFace, fit_light, has_thin_walls, light_hull, receiver_cone
+from .light_plan import NO_MAP_REASON, PlannedPass
 from .methods import depth_map_method
 from .methods.base import DepthMapMethod, FaceJob
 from .methods.shared import SharedByFaces
@@ -31,7 +32,7 @@ from .passes.percentage_closer import PERCENTAGE_CLOSER, LightTaps, light_radius
 from .passes.resolve import DELIVERED_FLAGS, FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, WAS_LIT
 from .passes.scene_data import SceneData
 from .passes.shadow_maps import MAX_BATCH_VIEWS, DepthMaps, face_table, samples_table, views_table
-from .plan import NO_MAP_REASON, PlannedPass, RenderPlan
+from .plan import RenderPlan
 from .reach import Receivers, select_receivers
 from .reflections.work import Hits, ReflectionWork
 from .sampling import light_samples, sample_weights

@@ -21,6 +21,8 @@ import numpy as np
 
 from ..device.interface import Device, Texture
 from ..device.owned import Owned
+from .frustum import instances_in_picture
+from .light_plan import PlannedPass
 from .light_work import LightFit, LightWork, MapStore, Places, fit_both, fit_places
 from .pass_set import (
     COMBINED_PASS_NAME,
@@ -37,7 +39,7 @@ from .passes.eye import EyePass, compiling_eye
 from .passes.scene_data import SceneData, SceneGeometry, pack_geometry
 from .passes.surface_data import SurfaceData, pack_surfaces
 from .picture import Shown
-from .plan import PlannedPass, RenderPlan, check_device, instances_in_picture
+from .plan import RenderPlan, check_device
 from .reflections.reflectors import FOR_MEMORY, PlannedReflections, choose_reflectors, memory_for_maps, reflecting_instances
 from .reflections.seen_places import SeenPlaces
 from .reflections.work import ReflectionWork

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..plan import PlannedPass
+from ..light_plan import PlannedPass
 from ..settings import Method, PointGeneration, PointStorage
 from .base import DepthMapMethod, FaceJob
 from .epr import EyeBasedPointRendering
