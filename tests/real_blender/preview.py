@@ -1,9 +1,7 @@
 """The preview over the 3D viewport: on and off, a light moved, the view turned, undone, four views; slices of time are printed."""
 
 import importlib
-import statistics
 import sys
-import time
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).parent))
@@ -11,20 +9,10 @@ sys.path.append(str(Path(__file__).parent))
 import bpy
 import numpy as np
 from driver import FOLDER, MODULE, Steps, press, run, screenshot, show_panel, view, wait_until
+from slices import SliceWatch
 
 running = importlib.import_module(f"{MODULE}.vir_addon.blender.preview.running")
-slices_ms: list[float] = []
-
-
-def watch_slices() -> None:
-    serve = running._serve
-
-    def timed(*arguments) -> None:
-        start = time.perf_counter()
-        serve(*arguments)
-        slices_ms.append((time.perf_counter() - start) * 1e3)
-
-    running._serve = timed
+watch = SliceWatch()
 
 
 def build_scene() -> None:
@@ -45,14 +33,13 @@ def shown() -> list:
 
 def finish(what: str) -> Steps:
     """Until every viewport shows the whole picture of what it looks at."""
-    slices_ms.clear()
+    watch.slices_ms.clear()
     yield 0.5
     yield from wait_until(lambda: shown() and not any(one.is_busy for one in shown()), what)
     for one in shown():
         print(f"{what}: {running.status_text(one)}")
         assert not one.problem and one.preview.picture is not None
-    if slices_ms:
-        print(f"{what}: {len(slices_ms)} slices, median {statistics.median(slices_ms):.0f} ms, longest {max(slices_ms):.0f} ms", flush=True)
+    watch.tell(what)
 
 
 def stopped() -> bool:
@@ -178,7 +165,7 @@ def steps() -> Steps:
     bpy.context.preferences.system.viewport_aa = "OFF"
     build_scene()
     scene, viewport = bpy.context.scene, view()
-    watch_slices()
+    watch.begin()
     yield from press("NUMPAD_0")  # through the camera
     yield 1.0
     yield from screenshot("1_off")
@@ -253,6 +240,7 @@ def steps() -> Steps:
     yield from finish("back")
     view()["area"].type = "TEXT_EDITOR"
     yield from wait_until(stopped, "no viewport")
+    watch.tell_all()
 
 
 run(steps)
