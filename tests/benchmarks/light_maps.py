@@ -20,6 +20,7 @@ from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.plan import RenderPlan, check_device, plan, settings_for
 from vir_addon.core.scene import SceneSnapshot
 from vir_addon.core.settings import Method, Settings
+from vir_addon.core.steps import run_steps
 from vir_addon.core.stopwatch import Stopwatch
 from vir_addon.device.interface import EMPTY_DEPTH_BITS, Device
 
@@ -108,6 +109,7 @@ class LightMaps:
     def prepared(self, variant: Variant, stopwatch: StageTimes) -> Iterator[tuple[LightWork, MapStore]]:
         """Views fitted, and everything made that batches share."""
         store = MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, variant.plan)
+        run_steps(store.allocating())
         light = next(light for light in self.snapshot.lights if light.name == variant.planned.light_name)
         work = LightWork(variant.planned, light, variant.plan, self.scene_data, store)
         try:

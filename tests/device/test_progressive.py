@@ -241,6 +241,36 @@ def test_a_step_translates_one_kernel_of_those_that_take_long(device, progressiv
         assert {name for name in slow if slow.count(name) > 1} == of_effects | SLOW_TO_GATHER[method] | OF_THE_EYE[reflects]
 
 
+def test_a_step_takes_little_memory(device, progressive, monkeypatch):
+    """Of textures as large as the picture as many as fit, and the one that is created last."""
+    size, limit = (WIDTH * 4, HEIGHT * 4), 3 * 16 * 16 * WIDTH * HEIGHT
+    monkeypatch.setattr("vir_addon.core.steps.ALLOCATED_A_STEP", limit, raising=False)
+    monkeypatch.setattr("vir_addon.core.passes.eye.MAX_VISIBILITY_TEXELS", 0)
+    ball = bumpy_sphere("mirror", (0.0, 1.2, 0.7), 0.7, 12)
+    camera = perspective_camera((0.5, -6.0, 3.5), (0.0, 0.0, 0.5), *size)
+    materials = [*3 * [matte()], mirror()]
+    scene = snapshot([*MESHES, ball], [FILL], camera, *size, materials=materials, world=World((0.2, 0.2, 0.2)))
+    created, create, upload = [0], device.create_texture, device.upload_texture
+
+    def noted(make, *arguments):
+        texture = make(*arguments)
+        # maps have sizes of their own
+        created[0] += texture.byte_count if (texture.width, texture.height) == size else 0
+        return texture
+
+    monkeypatch.setattr(device, "create_texture", lambda *arguments: noted(create, *arguments))
+    monkeypatch.setattr(device, "upload_texture", lambda *arguments: noted(upload, *arguments))
+    effects = (Effect.SHADOW, Effect.REFLECTION)
+    render_passes(scene, device, **OPTIONS, effects=effects)  # which compiles what it takes: a step more for each
+    progressive.show(scene, Settings(**OPTIONS, effects=effects))
+    of_steps = []
+    while not progressive.is_done:
+        before = created[0]
+        progressive.advance(0.0)
+        of_steps.append(created[0] - before)
+    assert max(of_steps) <= limit + 16 * 16 * WIDTH * HEIGHT
+
+
 def test_the_kernel_for_probed_tiles_of_the_eye_is_compiled_between_pauses(device):
     """Which tiles are only probed is known after some batches: nothing else is being compiled any more."""
     scene = view()

@@ -38,7 +38,7 @@ from .reflections.work import Hits, ReflectionWork
 from .sampling import light_samples, sample_weights
 from .scene import Light, LightShape
 from .settings import Method
-from .steps import Steps, compiling, run_steps
+from .steps import Allocation, Steps, compiling, run_steps
 from .stopwatch import Stopwatch
 
 LightFace = tuple[FittedFace, np.ndarray, DepthMapMethod | None]
@@ -126,18 +126,25 @@ class MapStore(Shared):
     """Textures that all lights share because only one batch uses them at a time."""
 
     def __init__(self, device: Device, width: int, height: int, plan: RenderPlan) -> None:
-        self.device = device
+        """To be followed by `allocating`."""
+        self.device, self._size, self._round_count = device, (width, height), plan.eye_samples_per_batch
         self._maps: dict[int, DepthMaps] = {}
         self._width_px = self._height_px = 1
         with Owned() as owned:
             self.shared = owned.own(SharedByFaces(device, plan.settings))
-            zeros = np.zeros((height, width, 4), np.float32)
-            self.batch_sums = [owned.own(device.upload_texture(zeros)) for _ in range(plan.eye_samples_per_batch)]
+            self.batch_sums: list[Texture] = []
             """of each round of a batch"""
             self.no_maps: Texture = owned.own(device.create_texture(1, 1, TextureFormat.R32UI))
             """what kernels are bound to where they read no map"""
             self.no_receivers: Texture = owned.own(device.upload_array(np.ones((1, 4), np.float32)))
             self._owned = owned.pop_all()
+
+    def allocating(self) -> Generator[None, None, None]:
+        """Create what is as large as the picture."""
+        width, height = self._size
+        allocation, zeros = Allocation(self._owned), np.zeros((height, width, 4), np.float32)
+        for _ in range(self._round_count):
+            self.batch_sums.append((yield from allocation.keeping(self.device.upload_texture, zeros)))
 
     def make_room(self, width_px: int, height_px: int) -> None:
         """To be told of all maps of a frame before the first are asked for: those that the picture decides the size of share a texture with

@@ -275,10 +275,10 @@ class Renderer:
                 samples_per_batch = self.plan.eye_samples_per_batch
                 self.eye = self._owned.own(EyePass(self.scene_data, self.plan.bounds, self.offsets_px, samples_per_batch, self.reflects))
         yield None
-        with self.stopwatch.stage("upload"):
-            if self.store is None:
-                self.store = self._owned.own(MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, self.plan))
-        yield None
+        if self.store is None:
+            store = self._owned.own(MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, self.plan))
+            yield from self.stopwatch.stages("upload", store.allocating())
+            self.store = store  # shared with other renderers once it is whole
         yield from self._preparing_works(self.scene_data, self.eye, self.store)
 
     def _preparing_works(self, scene_data: SceneData, eye: EyePass, store: MapStore) -> Steps:
@@ -369,7 +369,8 @@ class Renderer:
         if not self.plan.passes:
             # nobody looks at the rest of the picture any more
             eye.want_only(reflections.tiles_shown)
-        return np.concatenate(positions), np.concatenate(normals)
+        together: Places = yield self.stopwatch.host_work("points", lambda: (np.concatenate(positions), np.concatenate(normals)))
+        return together
 
     def _billed_to(self, work: LightWork) -> contextlib.AbstractContextManager[None]:
         """What lights only reflections has no pass of its own."""

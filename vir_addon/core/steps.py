@@ -6,7 +6,8 @@ from collections.abc import Callable, Generator
 from typing import Any, TypeVar
 
 from ..device.declaration import ComputeDeclaration, RasterDeclaration
-from ..device.interface import ComputeKernel, Device, RasterKernel
+from ..device.interface import ComputeKernel, Device, RasterKernel, Texture
+from ..device.owned import Owned
 
 Result = TypeVar("Result")
 
@@ -34,6 +35,28 @@ def _in_own_step(is_there: bool, kernel: Callable[[], Result]) -> Generator[None
     compiled = kernel()
     yield
     return compiled
+
+
+ALLOCATED_A_STEP = 1 << 25
+"""bytes. Software rasterizers keep textures in memory, which an operating system hands out page by page: in virtual machines as slowly as
+100 MB a second."""
+
+
+class Allocation:
+    """Textures of one owner, large ones and many, created with pauses."""
+
+    def __init__(self, owned: Owned) -> None:
+        self._owned = owned
+        self._byte_count = 0
+
+    def keeping(self, create: Callable[..., Texture], *arguments: Any) -> Generator[None, None, Texture]:
+        """Returns what `create` does, after a pause where those before it were enough for a step."""
+        if self._byte_count >= ALLOCATED_A_STEP:
+            self._byte_count = 0
+            yield
+        texture = self._owned.own(create(*arguments))
+        self._byte_count += texture.byte_count
+        return texture
 
 
 def run_steps(steps: Generator[HostWork | None, Any, Result]) -> Result:

@@ -18,7 +18,7 @@ from ...device.interface import Device, Texture, TextureFormat
 from ...device.owned import Owned, Shared
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera
-from ..steps import compiling, compiling_raster, run_steps
+from ..steps import Allocation, compiling, compiling_raster, run_steps
 from .opacity_maps import of_cut_outs
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData, portions
 from .tiles import PROBES_FLAG, SIZE_CONSTANTS, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, TileSplit, grid_shape
@@ -165,18 +165,29 @@ class EyePass(Shared):
         self.portions = list(portions(draws, TRIANGLES_A_PORTION)) if device.is_software else [draws]
         """what is rasterized without a pause"""
         self.cut_out_draws = scene_data.draws(np.flatnonzero(visible & scene_data.cut_out))
+        self._samples_per_batch, self._with_triangles = samples_per_batch, with_triangles
+        self.buffers: list[GBuffer] = []
+        """from the first rendering on"""
+        self.triangles: list[Texture] = []
+        """of each of the batch's samples: where in which triangle pixels see something"""
+        self.tiles = TileSplit(device, np.ones(grid_shape(*self.size), bool))
+        """walked: what some light still looks up"""
+        self._owned = Owned()
+
+    def _allocating(self) -> Generator[None, None, None]:
+        """Create what is rendered into. Closed halfway it leaves nothing."""
+        create, count = self.device.create_texture, self._samples_per_batch
         with Owned() as owned:
-            self.visibility = owned.own(device.create_texture(*self._visibility_size, TextureFormat.RG32UI))
-            self.depth = owned.own(device.create_texture(*self._visibility_size, TextureFormat.DEPTH32F))
-            self.target = owned.own(device.create_target(self.visibility, self.depth))
-            textures = [owned.own(device.create_texture(*self.size, TextureFormat.RGBA32F)) for _ in range(2 * samples_per_batch)]
-            self.buffers = [GBuffer(*pair) for pair in zip(textures[0::2], textures[1::2], strict=True)]
-            self.triangles = [
-                owned.own(device.create_texture(*self.size, TextureFormat.RGBA32F)) for _ in range(with_triangles * samples_per_batch)
-            ]
-            """of each of the batch's samples: where in which triangle pixels see something"""
-            self.tiles = TileSplit(device, np.ones(grid_shape(*self.size), bool))
-            """walked: what some light still looks up"""
+            allocation = Allocation(owned)
+            visibility = yield from allocation.keeping(create, *self._visibility_size, TextureFormat.RG32UI)
+            depth = yield from allocation.keeping(create, *self._visibility_size, TextureFormat.DEPTH32F)
+            target = owned.own(self.device.create_target(visibility, depth))
+            textures = []
+            for _ in range((2 + self._with_triangles) * count):
+                textures.append((yield from allocation.keeping(create, *self.size, TextureFormat.RGBA32F)))
+            self.visibility, self.depth, self.target = visibility, depth, target
+            self.buffers = [GBuffer(*pair) for pair in zip(textures[:count], textures[count : 2 * count], strict=True)]
+            self.triangles = textures[2 * count :]
             self._owned = owned.pop_all()
 
     @property
@@ -189,7 +200,9 @@ class EyePass(Shared):
         run_steps(self.rendering(indices, batch))
 
     def rendering(self, indices: Sequence[int], batch: int) -> Generator[None, None, None]:
-        """`render`, pausing while triangles are rasterized and once all are, and where a kernel is compiled."""
+        """`render`, pausing while triangles are rasterized and once all are, and where a kernel is compiled or much memory is taken."""
+        if not self.buffers:
+            yield from self._allocating()
         self._indices = indices
         for part, index in enumerate(indices):
             if (yield from self._seeing(index)):

@@ -42,7 +42,7 @@ from ..picture import Shown
 from ..plan import RenderPlan
 from ..sampling import pixel_offsets, poisson_offsets, shuffled_unit_square_points, stable_seed
 from ..settings import ADAPTIVE_STEP, RECURSIVE_SAMPLES, ReflectionFilter, ReflectionLookUp, ReflectionMethod
-from ..steps import HostWork, Steps, compiling
+from ..steps import Allocation, HostWork, Steps, compiling
 from ..stopwatch import Stopwatch
 from .reflector_passes import ReflectorPasses
 from .reflectors import PlannedReflections, bytes_per_texel, memory_for_maps, reflects, with_met
@@ -111,30 +111,14 @@ class ReflectionWork:
         self.has_surroundings = is_bright or surfaces.has_emission
         """Something but lights lights surfaces."""
         self.statistics = ReflectionStatistics(bounces=planned.bounces)
+        self.hits: list[list[Hits]] = []
+        """from `preparing` on, as what else rays are kept in: of each of a batch's eye samples, bounce by bounce"""
         zeros = np.zeros((height, width, 4), np.float32)
         self._emitters, self.emitter_count = emitters, emitters.triangle_count
         self._drawn = Owned()
         """maps, which instances have which, and what shines"""
         with Owned() as owned:
-
-            def texture() -> Texture:
-                return owned.own(self.device.create_texture(width, height, TextureFormat.RGBA32F))
-
             self.materials = owned.own(surfaces.share())
-            self.rays = {name: texture() for name in ("ray_origins", "ray_directions", "throughputs")}
-            self.surfaces = texture()
-            self.radiances = [texture() for _ in parts]
-            self.colors = [texture() for _ in parts]
-            self.hits: list[list[Hits]] = []
-            for part in parts:
-                self.hits.append([])
-                seen_from = eye.buffers[part].positions
-                for _ in range(planned.bounces):
-                    # RESOLVE asks for neighbours, and beyond the tiles nothing is written
-                    normals = owned.own(self.device.upload_texture(zeros))
-                    hits = Hits(part, GBuffer(texture(), normals), seen_from, texture(), texture(), texture())
-                    self.hits[part].append(hits)
-                    seen_from = hits.buffer.positions
             self.settled = owned.own(self.device.upload_texture(zeros if self.is_adaptive else zeros[:1, :1]))
             self.sums = {name: owned.own(self.device.upload_texture(zeros)) for name in ("radiance_sums", "color_sums")}
             # made beforehand: errors are asked for when a render is closed, also one that ended because there is no memory
@@ -147,6 +131,34 @@ class ReflectionWork:
             """where maps are shaded whole"""
             self._owned = owned.pop_all()
         self._lit_tiles: dict[tuple[int, bool], Tiles] = {}
+
+    def _allocating(self) -> Generator[None, None, None]:
+        """Create what rays are kept in."""
+        width, height = self.size
+        create, allocation = self.device.create_texture, Allocation(self._owned)
+
+        def keeping() -> Generator[None, None, Texture]:
+            return allocation.keeping(create, width, height, TextureFormat.RGBA32F)
+
+        parts, zeros = range(self.plan.eye_samples_per_batch), np.zeros((height, width, 4), np.float32)
+        self.rays: dict[str, Texture] = {}
+        for name in ("ray_origins", "ray_directions", "throughputs"):
+            self.rays[name] = yield from keeping()
+        self.surfaces = yield from keeping()
+        self.radiances: list[Texture] = []
+        self.colors: list[Texture] = []
+        for part in parts:
+            self.radiances.append((yield from keeping()))
+            self.colors.append((yield from keeping()))
+            self.hits.append([])
+            seen_from = self.eye.buffers[part].positions
+            for _ in range(self.planned.bounces):
+                # RESOLVE asks for neighbours, and beyond the tiles nothing is written
+                normals = yield from allocation.keeping(self.device.upload_texture, zeros)
+                buffer = GBuffer((yield from keeping()), normals)
+                hits = Hits(part, buffer, seen_from, (yield from keeping()), (yield from keeping()), (yield from keeping()))
+                self.hits[part].append(hits)
+                seen_from = buffer.positions
 
     def drawing_maps(self, stopwatch: Stopwatch) -> Steps:
         return stopwatch.stages("reflection maps", self._drawing())
@@ -181,6 +193,7 @@ class ReflectionWork:
 
     def preparing(self, offsets: list[int], stopwatch: Stopwatch) -> Steps:
         """Draw maps and trace the first batch: what shows of other reflectors decides which of these have maps. offsets: as of `tracing`"""
+        yield from stopwatch.stages("upload", self._allocating())
         while True:
             yield from self.drawing_maps(stopwatch)
             if self.plan.settings.reflection_look_up is ReflectionLookUp.SHADED:
