@@ -3,8 +3,7 @@
 #include "lib/octahedral.glsl"
 #include "lib/splat_reflected.glsl"
 #include "lib/pending_cubes.glsl"
-
-const float MAX_SHIFT_TEXELS = 0.5;
+#include "lib/point_texel.glsl"
 
 void main() {
     int index = linear_invocation();
@@ -29,15 +28,10 @@ void main() {
     while (seen != 0) {
         int k = findLSB(seen);
         seen &= seen - 1;
-        vec3 p = place.xyz - cube_center(k);
-        int face = face_of_direction(p);
-        vec3 f = in_face(face, p);
-        if (f.z > cube_near_m(k)) {
-            ivec2 texel = clamp(ivec2(floor((f.xy / f.z + 1.0) / texel_tangent(k))), ivec2(0), ivec2(cube_side(k) - 1));
-            // the triangle's plane is followed to the texel's centre, within limits: beyond the triangle's edge it is a guess
-            float along = dot(in_face(face, normal), vec3((vec2(texel) + 0.5) * texel_tangent(k) - 1.0, 1.0));
-            float shift = MAX_SHIFT_TEXELS * f.z * texel_tangent(k);
-            float depth = clamp(along != 0.0 ? dot(normal, p) / along : f.z, f.z - shift, f.z + shift);
+        int face;
+        ivec2 texel;
+        float depth;
+        if (find_point_texel(k, place.xyz, normal, face, texel, depth)) {
             cubes_before |= write_texel(k, face, texel, depth, owner.number) ? 1 << k : 0;
         }
     }

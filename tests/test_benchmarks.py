@@ -145,13 +145,14 @@ def test_others_are_compared_with_auto_and_eevee_with_its_quickest_good_run():
 def test_shading_is_compared_with_that_of_cubes_that_are_shaded_whole():
     device = open_device("moderngl")
     try:
-        drawn, small, *others = reflections.measure(2, 20_000, 64, 1, device)
+        drawn, small, packed, wide, *others = reflections.measure(2, 20_000, 64, 1, device)
     finally:
         device.close()
     assert drawn["method"] == ReflectionMethod.MVR.value
     # both share a cube, 32 wide in a picture of 64; those as wide as reflectors are in the picture are 64 wide at least
     assert small["texels"] == 4 * drawn["texels"] == 6 * 64 * 64
     assert all(row["shaded"] == row["surface_texels"] for row in (drawn, small))
+    assert packed["shaded"] == wide["shaded"] > packed["samples"] > 0 and wide["memory_mib"] > packed["memory_mib"]
     for row in others:
         assert row["texels"] == small["texels"] and row["shaded"] < row["ray_count"]
         assert row["shading_ratio"] == pytest.approx(drawn["shaded"] / row["shaded"])

@@ -61,6 +61,7 @@ BENCHMARKS: dict[str, Run] = {
     "memory": memory.run,
     "one_map": one_map.run,
     "reflections": reflections.run,
+    "reflections_sampling": reflections.sampling,
     "tolerances": tolerances.run,
 }
 PEERS: dict[str, Run] = {

@@ -27,7 +27,16 @@ from vir_addon.core.reflections.reflectors import bytes_per_texel
 from vir_addon.core.reflections.work import ReflectionWork
 from vir_addon.core.render import Renderer, render
 from vir_addon.core.scene import FilterShape, PixelFilter, SceneSnapshot
-from vir_addon.core.settings import Effect, ReflectionLookUp, ReflectionMethod, Settings
+from vir_addon.core.settings import (
+    ADAPTIVE_STEP,
+    POISSON_SAMPLES,
+    Effect,
+    ReflectionFilter,
+    ReflectionLookUp,
+    ReflectionMethod,
+    ReflectionWords,
+    Settings,
+)
 from vir_addon.device.interface import Device
 from vir_addon.device.open import open_device
 
@@ -39,6 +48,8 @@ from .timing import median_ratio, take_turns
 PUBLISHED, SMALL, DEFERRED = "mvr", "mvr, cubes as small", "mvr, these deferred"
 """cubes drawn one by one: shaded whole, mip-mapped and all of one size as in the paper; the same as wide as reflectors are in the picture,
 which ivir's and epr's are; and shaded where rays end"""
+PACKED, WIDE = "ivir, 13 + 19 bits", "ivir, 32 + 32 bits"
+"""ivir as published: points are shaded, and cubes mip-mapped and looked up by direction; with words of depth and colour, and of each"""
 REFERENCE_FACTOR = 4
 MIB = 1 << 20
 TARGET_BYTES = 12
@@ -104,7 +115,10 @@ def compared_settings(width_px: int) -> dict[str, Settings]:
     shaded = settings_with(ReflectionMethod.MVR, reflection_look_up=ReflectionLookUp.SHADED, reflection_map_mib=4096)
     deferred = {name: settings_with(ReflectionMethod(name)) for name in ("ivir", "epr")}
     deferred = {DEFERRED: settings_with(ReflectionMethod.MVR), **deferred}
-    return {PUBLISHED: dataclasses.replace(shaded, reflection_cube_px=cube_px), SMALL: shaded, **deferred}
+    points = dataclasses.replace(shaded, reflection_method=ReflectionMethod.IVIR)
+    words = {PACKED: ReflectionWords.PACKED, WIDE: ReflectionWords.WIDE}
+    published = {name: dataclasses.replace(points, reflection_words=each) for name, each in words.items()}
+    return {PUBLISHED: dataclasses.replace(shaded, reflection_cube_px=cube_px), SMALL: shaded, **published, **deferred}
 
 
 class StageClock:
@@ -130,6 +144,7 @@ class Frames:
         """has the scene, and has compiled"""
         device.run(self.first.prepare)
         self.passes, self.found = self._finish(self.first)
+        device.run(self.first.update_errors)  # counts rays of pixels, too
 
     def _finish(self, renderer: Renderer) -> tuple[dict[str, np.ndarray], ReflectionStatistics]:
         for batch in range(self.plan.batch_count):
@@ -177,8 +192,10 @@ class Frames:
         for cloud in used:
             for _ in cloud.drawing():
                 pass
+            cloud.release()
         drawn = maps.maps
         held_bytes = sum(cloud.most_bytes for cloud in used)
+        held_bytes += 0 if work.shaded_points is None else work.shaded_points.byte_count
         held_bytes = held_bytes or TARGET_BYTES * max(each.face_count * each.width_px * each.height_px for each in drawn)
         return {
             "samples": sum(cloud.triangle_count + cloud.point_count for cloud in used),
@@ -202,10 +219,17 @@ class Frames:
         self.first.close()
 
 
-def reference_of(reflector_count: int, triangle_count: int, width_px: int, device: Device, **where: float) -> np.ndarray:
+def reference_of(
+    reflector_count: int,
+    triangle_count: int,
+    width_px: int,
+    device: Device,
+    look_up: ReflectionLookUp = ReflectionLookUp.MARCH,
+    **where: float,
+) -> np.ndarray:
     """(height, width, 3) what `mvr` makes of it at REFERENCE_FACTOR times the resolution, brought down."""
     fine = scene_of(reflector_count, triangle_count, REFERENCE_FACTOR * width_px, **where)
-    settings = settings_with(ReflectionMethod.MVR, sample_count=2, reflection_map_mib=4096)
+    settings = settings_with(ReflectionMethod.MVR, sample_count=2, reflection_map_mib=4096, reflection_look_up=look_up)
     *_, progress = render(fine, plan(fine, settings_for(device, settings)), device)
     passes = progress.passes
     image = np.clip(passes[REFLECTION_PASS_NAME] * passes[REFLECTION_COLOR_PASS_NAME], 0, 1)
@@ -220,26 +244,36 @@ def error_of(passes: dict[str, np.ndarray], reference: np.ndarray) -> float:
     return float(np.sqrt(((image - reference)[shown] ** 2).mean()))
 
 
-def measured(frames: dict[str, Frames], rounds: int, reference: np.ndarray) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Of each, the medians of rounds in which all take turns, and the error."""
+def measured(
+    frames: dict[str, Frames], rounds: int, reference: np.ndarray, by_direction: np.ndarray | None = None
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Of each, the medians of rounds in which all take turns, and the error; also from what is looked up by direction."""
     results = take_turns({name: each.run for name, each in frames.items()}, rounds)
     for name, own in results.items():
         medians = {key: statistics.median(each[key] for each in own) for key in own[0]}
         each = frames[name]
         counts = {"ray_count": each.found.ray_count, "shaded": each.found.shaded_count}
         found = {**medians, **each.sizes(), **counts, "by_direction": each.found.by_direction_share}
-        yield name, {**found, "rmse": error_of(each.passes, reference), "rounds": own}
+        errors = {"rmse": error_of(each.passes, reference)}
+        if by_direction is not None:
+            errors["rmse_by_direction"] = error_of(each.passes, by_direction)
+        yield name, {**found, **errors, "rounds": own}
 
 
 def measure(reflector_count: int, triangle_count: int, width_px: int, rounds: int, device: Device) -> list[dict[str, Any]]:
     """All methods. What `mvr` shades, texels of its own cubes that see a surface, is compared with what each shades."""
     scene = scene_of(reflector_count, triangle_count, width_px)
-    reference = reference_of(reflector_count, triangle_count, width_px, device)
+    reference, by_direction = (
+        reference_of(reflector_count, triangle_count, width_px, device, each)
+        for each in (ReflectionLookUp.MARCH, ReflectionLookUp.DIRECTION)
+    )
     with contextlib.ExitStack() as stack:
         frames = {name: Frames(scene, settings, device) for name, settings in compared_settings(width_px).items()}
         for each in frames.values():
             stack.callback(each.close)
-        rows = [{"reflectors": reflector_count, "method": name, **found} for name, found in measured(frames, rounds, reference)]
+        rows = [
+            {"reflectors": reflector_count, "method": name, **found} for name, found in measured(frames, rounds, reference, by_direction)
+        ]
     baseline, small, *_ = rows
     for row in rows:
         for key in ("total_ms", "total_cpu_ms", "maps_cpu_ms"):
@@ -291,6 +325,95 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
     pyplot.close(figure)
 
 
+def sampled(options: Options, device: Device) -> Iterator[dict[str, Any]]:
+    """epr as published, by points of an eye's pixel and by samples of the filter; from farther and nearer."""
+    reflector_count, triangle_count, width_px = options.pick((20, 1_000_000, 320), (2, 20_000, 64))
+    counts = options.pick((1, 4, 9, 16, POISSON_SAMPLES), (1, 8))
+    kinds = (ReflectionFilter.POISSON, ReflectionFilter.ADAPTIVE)
+    choices = [(share, counts[-1], kind) for share in options.pick((1 / 4, 1 / 2, 1.0), (1 / 2,)) for kind in kinds]
+    # a pixel of fewer has nothing to adapt
+    choices += [(1 / 2, count, kind) for count in counts[:-1] for kind in kinds if kind is kinds[0] or count > 2 * ADAPTIVE_STEP]
+    for distance_m in options.pick((12.0, 7.5, 5.0), (7.5,)):
+        scene = scene_of(reflector_count, triangle_count, width_px, distance_m)
+        reference = reference_of(reflector_count, triangle_count, width_px, device, distance_m=distance_m)
+        with contextlib.ExitStack() as stack:
+            frames = {}
+            for share, count, kind in choices:
+                settings = settings_with(ReflectionMethod.EPR, count, points_per_eye_pixel=share, reflection_filter=kind)
+                each = frames[f"{share} {count} {kind}"] = Frames(scene, settings, device)
+                stack.callback(each.close)
+            found = dict(measured(frames, options.round_count(full=3, quick=1), reference))
+        for share, count, kind in choices:
+            name = f"{share} {count} {kind}"
+            followed = frames[name].found.rays_per_pixel
+            yield {"share": share, "count": count, "filter": kind.value, "followed": followed, "distance_m": distance_m, **found[name]}
+
+
+def plot_sampled(rows: list[dict[str, Any]], path: Path) -> None:
+    """Error against time, as figure 6 of the paper has it: curves are of one choice from three distances, or of one distance."""
+    import matplotlib
+
+    matplotlib.use("Agg")  # no display
+    from matplotlib import pyplot
+
+    most = max(row["count"] for row in rows)
+    figure, panels = pyplot.subplots(1, 2, figsize=(11, 4.5), layout="constrained", sharey=True)
+    for share, kind in dict.fromkeys((row["share"], row["filter"]) for row in rows if row["count"] == most):
+        own = [row for row in rows if (row["share"], row["filter"], row["count"]) == (share, kind, most)]
+        label = f"rho_scale {share:g}, {'fixed' if kind == 'poisson' else kind}"
+        panels[0].plot([row["total_cpu_ms"] for row in own], [row["rmse"] for row in own], marker="o", label=label)
+    for distance_m, kind in dict.fromkeys((row["distance_m"], row["filter"]) for row in rows):
+        own = [row for row in rows if (row["distance_m"], row["filter"], row["share"]) == (distance_m, kind, 0.5)]
+        own.sort(key=lambda row: row["count"])
+        label = f"eye {distance_m:g} m away, {'fixed' if kind == 'poisson' else kind}"
+        panels[1].plot([row["total_cpu_ms"] for row in own], [row["rmse"] for row in own], marker="o", label=label)
+        for row in own:
+            panels[1].annotate(str(row["count"]), (row["total_cpu_ms"], row["rmse"]), fontsize=7)
+    panels[0].set_title(f"{most} samples, eye nearer and nearer", fontsize=10)
+    panels[1].set_title("rho_scale 0.5, by samples of a pixel", fontsize=10)
+    for axes in panels:
+        axes.set(xlabel="a frame, ms of all processors", ylabel="RMSE", xscale="log")
+        axes.set_ylim(bottom=0.0)
+        axes.grid(which="both", alpha=0.3)
+        axes.legend(fontsize=8)
+    figure.savefig(path, dpi=120)
+    pyplot.close(figure)
+
+
+def sampling(options: Options) -> Iterator[list[BenchTable]]:
+    rows: list[dict[str, Any]] = []
+    device = open_device(options.device_name)
+    try:
+        for row in sampled(options, device):
+            rows.append(row)
+            yield [table_of_samples(rows)]
+    finally:
+        device.close()
+    plot_sampled(rows, options.output / "reflections_sampling.png")
+
+
+def table_of_samples(rows: list[dict[str, Any]]) -> BenchTable:
+    return BenchTable(
+        title="epr as published by points of the eye's pixel (rho_scale) and samples of its filter",
+        compared=(
+            "The scene of reflections, with the eye nearer and farther; medians; RMSE of values up to 1 against mvr at "
+            f"{REFERENCE_FACTOR} times the resolution with rays followed. Plotted in reflections_sampling.png."
+        ),
+        columns=(
+            Column("distance_m", "eye, m away", "{:g}"),
+            Column("share", "points of a pixel", "{:g}"),
+            Column("filter", "filter"),
+            Column("count", "samples"),
+            Column("followed", "followed", "{:.1f}"),
+            Column("samples", "samples in the cloud", "{:,.0f}"),
+            Column("total_ms", "frame, ms", "{:.0f}"),
+            Column("total_cpu_ms", "processors, ms", "{:.0f}"),
+            Column("rmse", "RMSE", "{:.4f}"),
+        ),
+        rows=rows,
+    )
+
+
 def run(options: Options) -> Iterator[list[BenchTable]]:
     triangle_count, width_px = options.pick((1_000_000, 480), (20_000, 64))
     rows: list[dict[str, Any]] = []
@@ -328,7 +451,9 @@ def tables(rows: list[dict[str, Any]], swept: list[dict[str, Any]], triangle_cou
                 f"picture. '{SMALL}' has cubes as wide as its reflectors are in the picture, as the others; '{DEFERRED}' follows rays as "
                 "these do. Shaded: surfaces in an eye sample's frame, texels of cubes that see one or what rays meet. RMSE "
                 f"against mvr at {REFERENCE_FACTOR} times the resolution with rays followed, on pixels of reflectors, up to 1: most of "
-                "what cubes looked up by direction have is parallax. All with one ray of a pixel: the paper's epr filters 25 samples, "
+                "what cubes looked up by direction have is parallax; 'by direction': against the same mvr looked up by direction. "
+                f"'{PACKED}' and '{WIDE}': points that are shaded and splatted as published, shaded texels and points counted. All with "
+                "one ray of a pixel: the paper's epr filters 25 samples, "
                 "which take some 12 times as long here. MiB count all that shaded cubes keep."
             ),
             columns=(
@@ -347,6 +472,7 @@ def tables(rows: list[dict[str, Any]], swept: list[dict[str, Any]], triangle_cou
                 Column("memory_mib", "MiB", "{:.0f}"),
                 Column("by_direction", "hidden from cubes", "{:.1%}"),
                 Column("rmse", "RMSE", "{:.4f}"),
+                Column("rmse_by_direction", "by direction", "{:.4f}"),
             ),
             rows=rows,
         ),

@@ -17,13 +17,24 @@ from vir_addon.core.passes import eye
 from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.plan import plan
 from vir_addon.core.render import Renderer
-from vir_addon.core.settings import Effect, ReflectionMethod, Settings
+from vir_addon.core.settings import Effect, ReflectionLookUp, ReflectionMethod, ReflectionWords, Settings
 from vir_addon.core.steps import run_steps
 from vir_addon.device.owned import Owned
 
 
-@pytest.mark.parametrize("method", [ReflectionMethod.MVR, ReflectionMethod.IVIR, ReflectionMethod.EPR])
-def test_reflections_are_the_same_on_both_devices(both, method):
+def words(kind):
+    return {"reflection_method": ReflectionMethod.IVIR, "reflection_look_up": ReflectionLookUp.SHADED, "reflection_words": kind}
+
+
+@pytest.mark.parametrize(
+    "choices",
+    [
+        *({"reflection_method": method} for method in (ReflectionMethod.MVR, ReflectionMethod.IVIR, ReflectionMethod.EPR)),
+        words(ReflectionWords.PACKED),
+        words(ReflectionWords.WIDE),
+    ],
+)
+def test_reflections_are_the_same_on_both_devices(both, choices):
     """Rays, maps and materials: a mirror ball over a lit floor before the world's grey, and a ball of small triangles."""
     ball = bumpy_sphere("ball", (0, 0, 0.8), 0.7, 24, bump_share=0.0)
     camera = perspective_camera((0.5, -3.0, 1.6), (0, 0, 0.7), 64, 36, 0.6)
@@ -32,7 +43,7 @@ def test_reflections_are_the_same_on_both_devices(both, method):
     meshes = [floor(4.0), ball, fine]
     light = point_light(eye=(1, -1, 3), radius_m=0.0)
     scene = snapshot(meshes, [light], camera, 64, 36, materials=materials, world=World((0.2, 0.2, 0.2)))
-    settings = {"effects": (Effect.REFLECTION,), "reflection_sample_count": 4, "bounces": 1, "reflection_method": method}
+    settings = {"effects": (Effect.REFLECTION,), "reflection_sample_count": 4, "bounces": 1, **choices}
     images = [render_passes(scene, device, **settings) for device in both]
     for name in (REFLECTION_PASS_NAME, REFLECTION_COLOR_PASS_NAME):
         assert images[0][name].max() > 0.1

@@ -21,6 +21,7 @@ from ..core.settings import (
     ReflectionFilter,
     ReflectionLookUp,
     ReflectionMethod,
+    ReflectionWords,
     Resolve,
     Settings,
 )
@@ -261,6 +262,14 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help="follow rays through the depths of reflectors' maps (default), or look them up by direction as published: things slide; "
         "shaded: the same in cubes that are shaded whole and mip-mapped, the papers' baseline",
     )
+    parser.add_argument(
+        "--reflection-words",
+        type=partial(_parse_choice, ReflectionWords),
+        default=defaults.reflection_words,
+        metavar="|".join(words.value for words in ReflectionWords),
+        help="what ivir writes into shaded cubes: numbers of triangles, from which texels are shaded (default), or as published points' "
+        "own colours, packed with their depths into 32 bits, or 32 bits of each (wide)",
+    )
     parser.add_argument("--resolution", type=parse_resolution, metavar="960x540", help="of the picture; default: the scene's")
 
 
@@ -268,6 +277,7 @@ def _refuse_options_of_reflections(arguments: argparse.Namespace) -> None:
     """Those that change how reflections are made."""
     given = {
         "--reflection-look-up": arguments.reflection_look_up is not Settings.reflection_look_up,
+        "--reflection-words": arguments.reflection_words is not Settings.reflection_words,
         "--reflection-cube": arguments.reflection_cube is not None,
         "--reflection-filter": arguments.reflection_filter is not Settings.reflection_filter,
         "--reflection-method": arguments.reflection_method is not Settings.reflection_method,
@@ -315,6 +325,7 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         planar=not arguments.no_planar,
         reflection_cube_px=arguments.reflection_cube,
         reflection_look_up=arguments.reflection_look_up,
+        reflection_words=arguments.reflection_words,
         method=method,
         points=arguments.points,
         point_generation=arguments.point_generation,

@@ -80,6 +80,17 @@ class ReflectionLookUp(enum.Enum):
     """So are cubes that are shaded whole before, and mip-mapped: the papers' baseline. One bounce, no mirrored views."""
 
 
+class ReflectionWords(enum.Enum):
+    """What ivir writes into the texels of cubes that are shaded whole."""
+
+    NUMBERS = "numbers"
+    """depth and a triangle's number, from which the texel is shaded"""
+    PACKED = "packed"
+    """points are shaded, and a texel has 13 bits of depth and 19 of colour in one word, as published (Gavane & Watson 2022, section 5.1)"""
+    WIDE = "wide"
+    """points are shaded, and a texel has 32 bits of each, depth first and then the colour at that depth"""
+
+
 class ReflectionFilter(enum.Enum):
     """What a pixel's rays are reflected from."""
 
@@ -176,6 +187,8 @@ class Settings:
     planar: bool = True
     """mirrored views of flat reflectors; without, they have cubes as all have, which is the papers' baseline"""
     reflection_look_up: ReflectionLookUp = ReflectionLookUp.MARCH
+    reflection_words: ReflectionWords = ReflectionWords.NUMBERS
+    """of ivir's shaded cubes"""
     reflection_cube_px: int | None = None
     """side of a face of every cube for what the eye sees of a reflector, however large that is in the picture: the papers' baseline, with
     512 in a picture 1920 wide. None: as wide as it is in the picture"""
@@ -239,6 +252,12 @@ class Settings:
             raise UsageError(f"reflections may bounce 1 to {MAX_BOUNCES} times, not {self.bounces}")
         if self.reflection_look_up is ReflectionLookUp.SHADED and self.bounces not in (None, 1):
             raise UsageError(f"shaded cubes show one bounce, not {self.bounces}: choose another look-up for more")
+        is_shaded_ivir = self.reflection_look_up is ReflectionLookUp.SHADED and self.reflection_method is ReflectionMethod.IVIR
+        if self.reflection_words is not ReflectionWords.NUMBERS and not is_shaded_ivir:
+            raise UsageError(
+                f"{self.reflection_words.value} words are what {ReflectionMethod.IVIR.value} writes into {ReflectionLookUp.SHADED.value} "
+                "cubes: choose this reflection method and this look-up, or leave the choice of words out"
+            )
         if not 1 <= self.reflection_sample_count <= MAX_REFLECTION_SAMPLES:
             raise UsageError(f"reflections take 1 to {MAX_REFLECTION_SAMPLES} samples of a pixel, not {self.reflection_sample_count}")
         if self.per_reflector and self.reflection_filter is ReflectionFilter.ADAPTIVE:

@@ -5,7 +5,7 @@
 its triangle; nothing is denser than the eye's pixels on the way by the reflector. Of what is far below a sample both keep only
 some, at random, and each cube leaves out more of it the farther away it is: a triangle has one random number for all. What is
 large is splatted tile by tile. 64-bit atomics are not used: depths come first and then the smallest number of a triangle at that
-depth, the same in every run.
+depth, the same in every run. Points that are to be shaded themselves are kept, not splatted.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 from ...device.interface import EMPTY_DEPTH_BITS, LINEAR_TEXTURE_WIDTH, Texture, TextureFormat
 from ...device.owned import Owned
 from ..bounds import SceneBounds, cullable_instances
+from ..errors import UsageError
 from ..eye_pixels import nearest_pixel_m
 from ..passes.reflected_points import (
     COLLECT_REFLECTED,
@@ -34,8 +35,9 @@ from ..passes.reflected_points import (
 )
 from ..passes.reflection_maps import ReflectionMap, ReflectionMaps
 from ..passes.scene_data import WORK_GROUP_SIZE, WorkTable
+from ..passes.shaded_points import CUBES_PER_TEXEL, SMALLEST_CUBE_TEXELS, CubesOfPoints, PointCloud, bytes_per_point
 from ..reflections.reflectors import Reflector
-from ..settings import ReflectionMethod, Settings
+from ..settings import ReflectionMethod, ReflectionWords, Settings
 from ..steps import compiling
 from .linear_store import LinearStore
 
@@ -114,6 +116,9 @@ class ReflectedPoints:
         self.point_count = 0
         self.most_bytes = 0
         """held at a time"""
+        self.keeps_points = settings.reflection_words is not ReflectionWords.NUMBERS
+        """Points are not splatted here: they are shaded first."""
+        self._kept = Owned()
         self._counts = (0, 0)
         self._held: _Portion | None = None
 
@@ -143,11 +148,39 @@ class ReflectedPoints:
             self._cloud_cube_count = len(cubes)
             self._held = None
             portions = yield from self._planning_portions()
+            if self.keeps_points:
+                self._check_kept(len(portions))
             capacities = self.triangles.texel_count // TEXELS_PER_TRIANGLE, self.points.texel_count // TEXELS_PER_POINT
             rows = [-(-capacity // LINEAR_TEXTURE_WIDTH) for capacity in capacities]
             self._came_first = [temporary.own(self.device.create_texture(LINEAR_TEXTURE_WIDTH, each, TextureFormat.R32UI)) for each in rows]
             for batch in _batches(cubes):
                 yield from self._drawing_batch(batch, portions)
+            if self.keeps_points:
+                self._kept = temporary.pop_all()
+
+    def _check_kept(self, portion_count: int) -> None:
+        limit = (self.settings.reflection_map_mib << 20) // bytes_per_point(len(self.cubes))
+        if portion_count > 1 or self.point_count > limit:
+            raise UsageError(
+                f"{self.point_count:,} points that are shaded themselves take more memory than "
+                f"{self.settings.reflection_map_mib} MiB, as much as maps of reflectors may take: allow more of it, or choose "
+                "smaller cubes or words of numbers"
+            )
+
+    def points_to_shade(self) -> PointCloud:
+        """Where they are kept, once drawn; until `release`."""
+        bases = np.concatenate([[0], np.cumsum([each.texel_count for each in self.maps.maps])])
+        first_texels = np.array([bases[cube.number] for cube in self.cubes]) // SMALLEST_CUBE_TEXELS
+        batches = []
+        for first in range(0, len(self.cubes), CUBES_PER_TEXEL):
+            part = slice(first, first + CUBES_PER_TEXEL)
+            batches.append(CubesOfPoints(self._table(self.cubes[part], first_texels[part]), self._masks(self.cubes[part])))
+        numbers = [cube.number for cube in self.cubes]
+        table = self._table(self.cubes, first_texels)
+        return PointCloud(self.points.texture, self.point_count, self.work.texture, self.culling_area, numbers, table, batches)
+
+    def release(self) -> None:
+        self._kept.close()
 
     def _table(self, cubes: list[Cube], first_texels: np.ndarray) -> np.ndarray:
         """(2 n, 4) rows of CUBES"""
@@ -277,7 +310,7 @@ class ReflectedPoints:
             tiles=self.tiles.texture,
             tile_count=self._batch_tile_count,
         )
-        if self._counts[1]:
+        if self._counts[1] and not self.keeps_points:
             (yield from compiling(self.device, SPLAT_POINTS_OF_CLOUD)).dispatch_linear(
                 self._counts[1],
                 **bindings,

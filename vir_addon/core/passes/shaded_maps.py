@@ -10,7 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ...device.declaration import ComputeDeclaration, Constant, Sampled, Stored
-from ...device.interface import LINEAR_TEXTURE_WIDTH, Texture, TextureFormat
+from ...device.interface import LINEAR_TEXTURE_WIDTH, Device, Texture, TextureFormat
 from ...device.owned import Owned
 from .reflection_maps import HEADER_DEFINE, MAP_LEVELS, MAP_NUMBER, MAP_TEXTURES, ReflectionMaps
 from .reflections import (
@@ -86,7 +86,7 @@ LOOK_UP_SHADED = ComputeDeclaration(
 
 
 SHADED_BYTES_PER_TEXEL = 10 * 16
-"""of the textures of ShadedMaps"""
+"""of the textures of ShadedPlaces"""
 FILL_TEXELS = ComputeDeclaration(
     name="fill_texels",
     text="sets every texel of a texture to the same",
@@ -101,19 +101,18 @@ FILL_TEXELS = ComputeDeclaration(
 )
 
 
-class ShadedMaps:
-    """Textures of what the texels of some maps see and show."""
+class ShadedPlaces:
+    """Textures of places that are shaded as what rays meet is: where they are, as which rays see them, and what they show."""
 
-    def __init__(self, maps: ReflectionMaps, numbers: Iterable[int]) -> None:
-        """numbers: of the maps that are shaded"""
-        self.maps, self.device = maps, maps.device
-        self.numbers = sorted(numbers)
-        self.size = LINEAR_TEXTURE_WIDTH, maps.texels.height
-        fill = self.device.compute_kernel(FILL_TEXELS)
+    def __init__(self, device: Device, height: int, is_used: np.ndarray) -> None:
+        """LINEAR_TEXTURE_WIDTH wide; is_used: (rows, columns) bool, tiles that hold any"""
+        self.device, self.is_used = device, is_used
+        self.size = LINEAR_TEXTURE_WIDTH, height
+        fill = device.compute_kernel(FILL_TEXELS)
         with Owned() as owned:
 
             def texture(fourth: float = 0.0) -> Texture:
-                made = owned.own(self.device.create_texture(*self.size, TextureFormat.RGBA32F))
+                made = owned.own(device.create_texture(*self.size, TextureFormat.RGBA32F))
                 fill.dispatch_grid(self.size, filled=made, width=self.size[0], height=self.size[1], fourth=fourth)
                 return made
 
@@ -121,18 +120,31 @@ class ShadedMaps:
             self.sums, self.radiances = texture(), texture()
             self.rays = {name: texture() for name in ("ray_origins", "ray_directions", "throughputs")}
             self.positions = texture(-1.0)
-            is_used = np.zeros(grid_shape(*self.size), bool)
-            base = 0
-            for number, each in enumerate(maps.maps):
-                if number in self.numbers:
-                    last = base + each.face_count * each.width_px * each.height_px - 1
-                    is_used[base // LINEAR_TEXTURE_WIDTH // TILE_PX : last // LINEAR_TEXTURE_WIDTH // TILE_PX + 1] = True
-                base += each.texel_count
-            self.is_used = is_used
-            self.tiles = owned.own(Tiles(self.device, is_used))
+            self.tiles = owned.own(Tiles(device, is_used))
             self._owned = owned.pop_all()
         self.shaded_count = 0
-        """texels that see a surface"""
+        """places on a surface"""
+
+    def release(self) -> None:
+        self._owned.close()
+
+
+class ShadedMaps(ShadedPlaces):
+    """What the texels of some maps see and show."""
+
+    def __init__(self, maps: ReflectionMaps, numbers: Iterable[int]) -> None:
+        """numbers: of the maps that are shaded"""
+        self.maps = maps
+        self.numbers = sorted(numbers)
+        height = maps.texels.height
+        is_used = np.zeros(grid_shape(LINEAR_TEXTURE_WIDTH, height), bool)
+        base = 0
+        for number, each in enumerate(maps.maps):
+            if number in self.numbers:
+                last = base + each.face_count * each.width_px * each.height_px - 1
+                is_used[base // LINEAR_TEXTURE_WIDTH // TILE_PX : last // LINEAR_TEXTURE_WIDTH // TILE_PX + 1] = True
+            base += each.texel_count
+        super().__init__(maps.device, height, is_used)
 
     def find_surfaces(self) -> None:
         """Once the maps are drawn."""
@@ -165,6 +177,3 @@ class ShadedMaps:
                     map_number=number,
                     level=level,
                 )
-
-    def release(self) -> None:
-        self._owned.close()

@@ -12,7 +12,7 @@ import numpy as np
 from ...device.interface import ComputeKernel, Device, Texture, TextureFormat
 from ...device.owned import Owned
 from ..material_program import typical_value
-from ..methods.reflected_points import clouds
+from ..methods.reflected_points import ReflectedPoints, clouds
 from ..pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, ReflectionStatistics
 from ..passes.accumulate import ERROR_TILE_PX
 from ..passes.emitters import Emitters
@@ -35,7 +35,8 @@ from ..passes.reflections import (
     SHOW_REFLECTIONS,
 )
 from ..passes.scene_data import SceneData
-from ..passes.shaded_maps import FILL_TEXELS, LOOK_UP_SHADED, TEXEL_SURFACES, ShadedMaps
+from ..passes.shaded_maps import FILL_TEXELS, LOOK_UP_SHADED, TEXEL_SURFACES, ShadedMaps, ShadedPlaces
+from ..passes.shaded_points import ShadedPoints
 from ..passes.surface_data import SurfaceData
 from ..passes.tiles import TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
 from ..picture import Shown
@@ -68,8 +69,8 @@ class Hits:
     glosses: Texture
     sums: Texture
     """what a light brings, as RESOLVE sums it over faces"""
-    texels: ShadedMaps | None = None
-    """where they are those of maps, not of rays"""
+    texels: ShadedPlaces | None = None
+    """where they are those of maps or points, not of rays"""
 
 
 class ReflectionWork:
@@ -127,10 +128,14 @@ class ReflectionWork:
             owned.callback(self._forget_maps)
             self._use(planned)
             self.tiles = Tiles(self.device, np.ones(self.tiles_shown.shape, bool))
-            self.texel_hits: Hits | None = None
-            """where maps are shaded whole"""
+            self.texel_hits: list[Hits] = []
+            """where maps are shaded whole: of their texels and, where there are such, of points"""
+            self.shaded_maps: ShadedMaps | None = None
+            self.shaded_points: ShadedPoints | None = None
+            self.kept_points: ReflectedPoints | None = None
+            """to be shaded themselves"""
             self._owned = owned.pop_all()
-        self._lit_tiles: dict[tuple[int, bool], Tiles] = {}
+        self._lit_tiles: dict[tuple[int, ShadedPlaces | None], Tiles] = {}
 
     def _allocating(self) -> Generator[None, None, None]:
         """Create what rays are kept in."""
@@ -170,6 +175,8 @@ class ReflectionWork:
             yield from cloud.drawing()
             self.statistics.cloud_triangle_count += cloud.triangle_count
             self.statistics.point_count += cloud.point_count
+            if cloud.keeps_points and cloud.point_count:
+                self.kept_points = self._drawn.own(cloud)
         self.maps.end_drawing()
 
     def _use(self, planned: PlannedReflections, drawn_before: ReflectionMaps | None = None) -> None:
@@ -234,14 +241,22 @@ class ReflectionWork:
     def _shade_texels(self) -> None:
         """From now on what the maps for what the eye sees show is what lights are looked up for."""
         own = self.planned.instance_maps(len(self.scene_data.snapshot.instances))[:, 0]
-        texels = self._owned.own(ShadedMaps(self.maps, {int(number) for number in own if number >= 0}))
-        texels.find_surfaces()
-        buffer = GBuffer(texels.positions, texels.normals)
-        self.texel_hits = Hits(0, buffer, texels.rays["ray_origins"], texels.scatterings, texels.glosses, texels.sums, texels)
+        maps = self.shaded_maps = self._owned.own(ShadedMaps(self.maps, {int(number) for number in own if number >= 0}))
+        maps.find_surfaces()
+        places: list[ShadedPlaces] = [maps]
+        if self.kept_points is not None:
+            words = self.plan.settings.reflection_words
+            points = self.shaded_points = self._owned.own(ShadedPoints(maps, self.kept_points.points_to_shade(), words))
+            points.find_surfaces()
+            places.append(points)
+            self.statistics.map_bytes += points.byte_count
+        for each in places:
+            buffer = GBuffer(each.positions, each.normals)
+            self.texel_hits.append(Hits(0, buffer, each.rays["ray_origins"], each.scatterings, each.glosses, each.sums, each))
 
     def lit_tiles(self, turn: int, hits: Hits) -> Tiles:
         """The hits' tiles for RESOLVE. turn: as of TURN_DEFINES"""
-        key = turn, hits.texels is None
+        key = turn, hits.texels
         if key not in self._lit_tiles:
             shown = self.tiles_shown if hits.texels is None else hits.texels.is_used
             numbers = np.broadcast_to((float(turn), 0.0), (*shown.shape, 2))
@@ -254,15 +269,19 @@ class ReflectionWork:
             seen = {**self.eye.buffers[part]._asdict(), "surfaces": self.eye.triangles[part]}
             round_number = batch * len(offsets) + part
             self._followed[part] = self.planned.bounces if self.recursive_rounds[round_number] else 1
+            if self.texel_hits:
+                yield from stopwatch.stages("reflect", self._reflecting(seen, part, 0, offset, round_number))
+                for hits in self.texel_hits:
+                    yield from stopwatch.stages("reflect", self._meeting(hits, 0, round_number))
+                continue
             for bounce, hits in enumerate(self._hits_of(part)):
-                yield from stopwatch.stages("reflect", self._tracing(seen, hits, bounce, offset, round_number))
+                yield from stopwatch.stages("reflect", self._reflecting(seen, part, bounce, offset, round_number))
+                yield from stopwatch.stages("reflect", self._meeting(hits, bounce, round_number))
                 seen = {**hits.buffer._asdict(), "surfaces": self.surfaces}
 
-    def _tracing(self, seen: dict[str, Texture], hits: Hits, bounce: int, offset: int, round_number: int) -> Generator[None, None, None]:
+    def _reflecting(self, seen: dict[str, Texture], part: int, bounce: int, offset: int, round_number: int) -> Generator[None, None, None]:
         """seen: the surfaces that reflect"""
-        flags = ["BY_DIRECTION"] * (self.plan.settings.reflection_look_up is not ReflectionLookUp.MARCH)
-        part, texels = hits.part, hits.texels
-        facet, light = self.samples[round_number % len(self.samples), :, bounce]
+        facet, _ = self.samples[round_number % len(self.samples), :, bounce]
         place_px = self.places_px[round_number % len(self.places_px)] - self.offsets_px[offset]
         how = [] if bounce else ["FROM_EYE", *["FILTERED"] * (self.filter is not ReflectionFilter.EYE), *self._adaptive_flags]
         yield from self._walking(
@@ -284,6 +303,12 @@ class ReflectionWork:
             eye=self.eye.eye_table(offset),
         )
         yield
+
+    def _meeting(self, hits: Hits, bounce: int, round_number: int) -> Generator[None, None, None]:
+        """What rays meet, or what was met before by all texels or points, and what surroundings bring to it."""
+        flags = ["BY_DIRECTION"] * (self.plan.settings.reflection_look_up is not ReflectionLookUp.MARCH)
+        part, texels = hits.part, hits.texels
+        _, light = self.samples[round_number % len(self.samples), :, bounce]
         rays, radiances = (self.rays, self.radiances[part]) if texels is None else (texels.rays, texels.radiances)
         seen = {**hits.buffer._asdict(), "surfaces": self.surfaces if texels is None else texels.surfaces}
         if texels is None:
@@ -342,7 +367,7 @@ class ReflectionWork:
                 emitter_count=self.emitter_count,
             )
 
-    def _walking(self, kernel: ComputeKernel, texels: ShadedMaps | None = None, /, **bindings: object) -> Generator[None, None, None]:
+    def _walking(self, kernel: ComputeKernel, texels: ShadedPlaces | None = None, /, **bindings: object) -> Generator[None, None, None]:
         """The picture, or texels of maps."""
         walked = self if texels is None else texels
         width, height = walked.size
@@ -351,11 +376,11 @@ class ReflectionWork:
     def _count_found(self) -> None:
         """What became of the first rays, those of one eye sample."""
         self._is_counted = True
-        if self.texel_hits is not None and self.texel_hits.texels is not None:
+        if self.texel_hits:
             maps = self.device.read(self.rays["ray_origins"])[..., 3]
             self.statistics.ray_count = int((maps[spread_to_pixels(self.tiles_shown, *self.size)] >= 0).sum())
             self.statistics.by_direction_share = 1.0
-            self.statistics.shaded_count = self.texel_hits.texels.shaded_count
+            self.statistics.shaded_count = sum(hits.texels.shaded_count for hits in self.texel_hits if hits.texels is not None)
             return
         found = self.device.read(self.surfaces)[..., 3].astype(np.int64)
         shown = found[spread_to_pixels(self.tiles_shown, *self.size)]
@@ -418,7 +443,7 @@ class ReflectionWork:
             yield from self._hits_of(part)
 
     def _hits_of(self, part: int) -> list[Hits]:
-        return self.hits[part][: self._followed[part]] if self.texel_hits is None else [self.texel_hits]
+        return self.texel_hits or self.hits[part][: self._followed[part]]
 
     def adding_light(self, hits: Hits, flags: list[str], **light: object) -> Generator[None, None, None]:
         """flags, light: of LIGHT_HITS"""
@@ -438,8 +463,10 @@ class ReflectionWork:
         """All lights are in: add the batch's rounds to the passes."""
         width, height = self.size
         with stopwatch.stage("reflect"):
-            if self.texel_hits is not None and self.texel_hits.texels is not None:
-                texels = self.texel_hits.texels
+            if self.shaded_maps is not None:
+                texels = self.shaded_maps
+                if self.shaded_points is not None:
+                    self.shaded_points.splat()
                 texels.make_levels()
                 of_maps = {"map_headers": self.maps.headers, "shaded": texels.radiances}
                 kernel = self.device.compute_kernel(LOOK_UP_SHADED)
