@@ -3,6 +3,7 @@
 #include "lib/splat_reflected.glsl"
 #include "lib/pending_cubes.glsl"
 #include "lib/face_triangle.glsl"
+#include "lib/enlarged_faces.glsl"
 
 const int MAX_SPLAT_TEXELS = 64;
 
@@ -118,13 +119,12 @@ void main() {
         vec3 corner_a = a.xyz - cube_center(k);
         vec3 corner_b = b.xyz - cube_center(k);
         vec3 corner_c = c.xyz - cube_center(k);
-        int face = face_of_direction(corner_a);
-        bool is_within = face == face_of_direction(corner_b) && face == face_of_direction(corner_c);
-        int last = is_within ? face : 5;
-        face = is_within ? face : 0;
+        int faces = faces_of_triangle(corner_a, corner_b, corner_c);
         do {
+            int face = findLSB(faces);
             cubes_before |= splat_triangle(k, face, corner_a, corner_b, corner_c, index, owner.number) ? 1 << k : 0;
-        } while (++face <= last);
+            faces &= faces - 1;
+        } while (faces != 0);
     }
     finish(index, cubes_before);
 }

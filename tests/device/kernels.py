@@ -121,6 +121,12 @@ SHADOW_VOLUMES = compute(
     tables=SAMPLING_TABLES,
     defines={"EYE_DENSITY": 1},
 )
+ENLARGED_FACES = compute(
+    "enlarged_faces",
+    textures={"triangle_corners": Sampled("sampler2D", "three texels a triangle")},
+    images={"faces": Stored("R32UI", "write", "a texel a triangle")},
+    constants={"triangle_count": Constant("int", "-")},
+)
 TRIANGLE_FUNCTIONS = compute(
     "triangle_functions",
     textures={

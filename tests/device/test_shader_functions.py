@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tests.device.kernels import DIRECTIONS, HASHES, SHADOW_VOLUMES, TRIANGLE_FUNCTIONS
+from tests.device.kernels import DIRECTIONS, ENLARGED_FACES, HASHES, SHADOW_VOLUMES, TRIANGLE_FUNCTIONS
 from vir_addon.core.passes.scene_data import pack_directions
 from vir_addon.device.interface import LINEAR_TEXTURE_WIDTH, TextureFormat
 
@@ -308,3 +308,50 @@ def test_distance_to_a_shadow_volume_is_a_close_lower_bound(device):
     small = (radii < 0.1) & (true > 1.0)
     assert small.sum() > 50
     assert np.median(found[small] / true[small]) > 0.9 and (found[small] / true[small]).min() > 0.5
+
+
+# enlarged_faces.glsl
+
+
+def faces_of(places):
+    """(n,) int numbers of the faces of a cube that see places, (n, 3)"""
+    axes = np.abs(places).argmax(axis=1)
+    return 2 * axes + (np.take_along_axis(places, axes[:, None], axis=1)[:, 0] < 0)
+
+
+def test_faces_that_may_see_a_triangle_are_those_of_enlarged_frusta_and_all_that_do(device):
+    """Triangles around cubes' edges and corners, of a hundredth of their distance to several times that."""
+    rng = np.random.default_rng(5)
+    count = 20_000
+    middles = rng.uniform(-1, 1, (count, 3)).round(1) + rng.normal(0, 0.02, (count, 3))
+    sizes = 10 ** rng.uniform(-3, 0.5, (count, 1, 1))
+    corners = (middles[:, None] + sizes * rng.normal(size=(count, 3, 3))).astype(np.float32).astype(np.float64)
+    rows = np.concatenate([corners.reshape(-1, 3), np.zeros((3 * count, 1))], axis=1).astype(np.float32)
+    faces = linear_texture(device, count, TextureFormat.R32UI)
+    device.compute_kernel(ENLARGED_FACES).dispatch_linear(
+        count, triangle_corners=device.upload_array(rows), faces=faces, triangle_count=count
+    )
+    found = device.read(faces).reshape(-1)[:count].astype(np.int64)
+    # none that sees a place of the triangle is left out
+    for weights in rng.dirichlet((0.5, 0.5, 0.5), 200):
+        places = np.einsum("k,nki->ni", weights, corners)
+        clear = np.sort(np.abs(places), axis=1)
+        seen = faces_of(places)
+        left_out = (found >> seen & 1) == 0
+        # on the faces' edge itself float32 may choose either
+        assert not (left_out & (clear[:, 2] > clear[:, 1] * (1 + 1e-5))).any()
+    # small ones have those faces alone that are a fifth too large for a corner to be outside
+    depths = np.abs(corners).max(axis=2)
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    own = faces_of(corners.reshape(-1, 3)).reshape(-1, 3)
+    is_within = (own == own[:, :1]).all(axis=1)
+    np.testing.assert_array_equal(found[is_within], 1 << own[is_within, 0])
+    is_small = ~is_within & (12.001 * edges < depths.min(axis=1))
+    assert is_small.sum() > 100
+    expected = np.zeros(count, np.int64)
+    for face in range(6):
+        depth = corners[..., face // 2] * (1 - 2 * (face % 2))
+        others = np.abs(np.delete(corners, face // 2, axis=2)).max(axis=2)
+        expected |= (others <= 1.2 * depth).any(axis=1).astype(np.int64) << face
+    assert (found[is_small] != expected[is_small]).mean() < 0.002
+    assert (found[~is_within & (11.999 * edges > depths.min(axis=1))] == 63).all()
