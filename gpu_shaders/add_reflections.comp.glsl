@@ -33,7 +33,8 @@ void main() {
         float variance = sums.a / float(count) - mean * mean;
         bool is_even = variance <= EVEN_SHARE * mean * mean;
         bool has_declined = count == ADAPTIVE_STEP || variance < settling.y;
-        imageStore(settled, pixel, vec4(is_even || !has_declined ? float(count) : 0.0, variance, 0.0, 0.0));
+        bool is_settled = count >= least_rounds && (is_even || !has_declined);
+        imageStore(settled, pixel, vec4(is_settled ? float(count) : 0.0, variance, 0.0, 0.0));
     }
 #endif
 }

@@ -7,6 +7,8 @@ import pytest
 
 from tests.core.test_reflections import colored_box, mirrored_colors
 from tests.scenes import (
+    area_light,
+    box,
     bumpy_sphere,
     floor,
     matte,
@@ -123,6 +125,23 @@ def test_pixels_have_no_more_samples_than_lessen_their_variance(device):
     # what settled after a few rays is no surer for the rounds after that
     _, _, all_of_them = rendered(scene, device, ReflectionFilter.POISSON, 28)
     assert renderer.statistics.reflections.error_estimate > 1.1 * all_of_them.statistics.reflections.error_estimate
+
+
+def test_pixels_settle_no_sooner_than_lamps_have_shown_some_of_their_views(device):
+    """Which the rays of a batch share: the more batches, the fewer views a batch has, and the sooner by chance rays agree."""
+    meshes = [floor(4.0), bumpy_sphere("ball", (0, 0, 0.6), 0.5, 32, bump_share=0.0), box("post", (0.9, -0.7, 0.4), (0.15, 0.15, 0.4))]
+    camera = perspective_camera((0.5, -3.0, 1.5), (0, 0, 0.5), WIDTH, HEIGHT, 0.3)
+    materials = [matte((0.8, 0.8, 0.8)), mirror(), matte((0.2, 0.3, 0.6))]
+    lamp = area_light(eye=(1.5, -2, 2.5), target=(0, 0, 0), size_m=(2.0, 2.0))
+    scene = snapshot(meshes, [lamp], camera, WIDTH, HEIGHT, materials=materials, world=World(), pixel_filter=WHOLE_PIXELS)
+    truth, *_ = rendered(scene, device, ReflectionFilter.POISSON, 64, view_count=256)
+    shown = truth.sum(axis=-1) > 0
+    errors, rays = {}, {}
+    for count in (25, 64):
+        image, rays[count], renderer = rendered(scene, device, ReflectionFilter.ADAPTIVE, count, view_count=16)
+        errors[count] = rms(np.clip(image, 0, 1) - np.clip(truth, 0, 1), shown)
+    assert renderer.reflections.least_rounds == 16 < rays[64] < 40
+    assert shown.sum() > 300 and errors[64] < 0.9 * errors[25]
 
 
 @pytest.mark.parametrize("kind", [ReflectionFilter.POISSON, ReflectionFilter.ADAPTIVE])

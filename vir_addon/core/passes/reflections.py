@@ -259,7 +259,12 @@ ADD_REFLECTIONS = ComputeDeclaration(
         "color_sums": Stored("RGBA32F", "read_write", "sums over rounds of what it is multiplied by, and of rounds that show a reflector"),
         "settled": Stored("RGBA32F", "read_write", SETTLED),
     },
-    constants={**SIZE_CONSTANTS, **WALK_CONSTANTS, "round_number": Constant("int", "rounds that are in the sums")},
+    constants={
+        **SIZE_CONSTANTS,
+        **WALK_CONSTANTS,
+        "round_number": Constant("int", "rounds that are in the sums"),
+        "least_rounds": Constant("int", "before which nothing settles; with ADAPTIVE"),
+    },
     flags=ADAPTIVE_FLAG,
     defines={**TILE_DEFINES, **LUMINANCE_DEFINES, "ADAPTIVE_STEP": ADAPTIVE_STEP},
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,8 @@ DRAWN = (Shown.REFLECTION, Shown.REFLECTION_COLOR, Shown.REFLECTED)
 """as numbered for SHOW_REFLECTIONS"""
 FITTED_BATCHES = 4
 """that lights' maps are fitted to, where rough surfaces send rays elsewhere in each"""
+LEAST_SETTLING_VIEWS = 4
+"""of a light: a pixel whose rays agree after fewer has the noise of these few, which all rays of a batch share"""
 MAX_FITTED_HITS = 1 << 23
 """places that are kept of them"""
 
@@ -106,6 +109,8 @@ class ReflectionWork:
             self.places_px = poisson_offsets(snapshot.pixel_filter, round_count)
         self.offsets_px = pixel_offsets(snapshot.pixel_filter, plan.eye_sample_count)
         self.recursive_rounds = _recursive_rounds(self.filter, round_count)
+        self.least_rounds = len(parts) * _least_batches(plan)
+        """before which no pixel settles"""
         self._followed = [0] * len(parts)
         """bounces of each part's round"""
         is_bright = snapshot.world is not None and max(snapshot.world.radiance) > 0
@@ -473,7 +478,7 @@ class ReflectionWork:
                 self.tiles.dispatch(kernel, width=width, height=height, **of_maps, **self.rays, radiances=self.radiances[0])
             kernel = self.device.compute_kernel(ADD_REFLECTIONS, *self._adaptive_flags)
             for part, (radiances, colors) in enumerate(zip(self.radiances, self.colors, strict=True)):
-                sums = {**self.sums, "settled": self.settled, "round_number": self.round_count}
+                sums = {**self.sums, "settled": self.settled, "round_number": self.round_count, "least_rounds": self.least_rounds}
                 self.tiles.dispatch(kernel, width=width, height=height, radiances=radiances, colors=colors, **sums)
                 self.round_count += 1
                 if self.plan.settings.per_reflector:
@@ -528,6 +533,13 @@ class ReflectionWork:
     def release(self) -> None:
         self.tiles.release()
         self._owned.close()
+
+
+def _least_batches(plan: RenderPlan) -> int:
+    """Of which every light has shown LEAST_SETTLING_VIEWS of its views, or all that it has."""
+    counts = [planned.view_count for planned in (*plan.passes, *plan.reflected_lights) if planned.runs and planned.view_count]
+    least = max((Fraction(min(count, LEAST_SETTLING_VIEWS), count) for count in counts), default=Fraction(0))
+    return math.ceil(least * plan.batch_count)
 
 
 def _recursive_rounds(kind: ReflectionFilter, round_count: int) -> np.ndarray:
