@@ -90,6 +90,7 @@ def test_the_panel_can_say_what_the_plan_decided(room):
     assert float(exact.rpartition(" ")[2]) < float(fast.rpartition(" ")[2])
     made, room.vir.view_count = frame_state.decision_text(state, "Key"), 16
     bpy.ops.vir.plan()
+    assert frame_state.made_text(state.made("Key")) == made, "what was rendered is told as it was, whatever is planned since"
     planned = frame_state.decision_text(state, "Key")
     assert planned.startswith("16 views, ~") and 0.0 < float(planned.rpartition(" error ~")[2]) < float(made.rpartition(" ")[2])
 

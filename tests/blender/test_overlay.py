@@ -1,13 +1,14 @@
 """What is laid over the viewport: light is multiplied and added as the display shows it."""
 
 import contextlib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from vir_addon.blender.preview.overlay import Display, Overlay  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.blender.preview.overlay import Display, Overlay, covered_px  # noqa: E402  (bpy decides whether this file runs)
 from vir_addon.core.picture import Picture  # noqa: E402
 from vir_addon.device.open import open_device  # noqa: E402
 
@@ -83,3 +84,24 @@ def test_the_difference_to_a_reference(device):
     red, _, blue = laid_over(device, dark, Display.DIFFERENCE, light) - BEHIND
     assert blue > 0.2 > 0 > red
     np.testing.assert_allclose(laid_over(device, dark, Display.DIFFERENCE, dark), BEHIND, atol=1e-6)
+
+
+def test_the_line_begins_beside_what_lies_over_it():
+    """Regions as Blender 5.2 has them: a hidden one is a pixel wide; the last operator's panel stands beside the tools."""
+
+    def region(kind, x, y, width, height):
+        return SimpleNamespace(type=kind, x=x, y=y, width=width, height=height)
+
+    viewport = region("WINDOW", 2, 95, 1311, 878)
+    tools, operator = region("TOOLS", 2, 95, 58, 824), region("HUD", 65, 100, 168, 25)
+    hidden, sidebar = region("HUD", 60, 95, 1, 1), region("UI", 1100, 95, 213, 824)
+    for regions, reach_px in (
+        ([], 0),
+        ([viewport, tools, hidden, sidebar], 58),
+        ([viewport, tools, operator, sidebar], 231),
+        ([viewport, region("TOOLS", 1255, 95, 58, 824)], 0),  # flipped
+    ):
+        assert covered_px(viewport, regions, 35.0) == reach_px
+    # the quarters of a view: the panel lies over the lower left one alone
+    for x, y, reach_px in ((2, 95, 231), (660, 95, 0), (2, 540, 58), (660, 540, 0)):
+        assert covered_px(region("WINDOW", x, y, 650, 430), [tools, operator], 35.0) == reach_px

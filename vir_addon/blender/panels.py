@@ -11,7 +11,7 @@ from ..core.errors import UsageError
 from ..core.settings import Method
 from . import frame_state
 from .frame_hook import reasons_against_frames
-from .frame_state import SceneState, decision_text, state_of
+from .frame_state import SceneState, decision_text, made_text, state_of
 from .job import SURFACE_TYPES
 from .object_names import named_object
 from .operators import mendable_by, reason_against_rendering
@@ -194,7 +194,7 @@ def _draw_light(layout: Any, context: Any, state: SceneState) -> None:
         _draw_text(box, context, planned.reason[:1].upper() + planned.reason[1:] + ".", "NONE")
     made = state.made(name)
     if made is not None:
-        _draw_text(box, context, f"Made by {made.method} in frame {state.frame}: {decision_text(state, name)}.", "NONE")
+        _draw_text(box, context, f"Made by {made.method} in frame {state.frame}: {made_text(made)}.", "NONE")
 
 
 class _Reflectors:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Iterable
+from typing import Any
 
 import blf
 import bpy
@@ -83,15 +85,33 @@ class Overlay:
             state.depth_mask_set(before[2])
 
 
+TEXT_TOP_PX = 35
+"""of the line at interface scale 1, from the viewport's lower edge"""
+
+
+def covered_px(viewport: Any, regions: Iterable[Any], height_px: float) -> int:
+    """How far from its left edge other regions of the area lie over a viewport's lowest pixels: tools, and the panel of the last
+    operator."""
+    reach_px = [
+        region.x + region.width - viewport.x
+        for region in regions
+        if region.type in ("TOOLS", "HUD")
+        and region.width > 1  # otherwise it is not shown
+        and region.x < viewport.x + viewport.width / 2
+        and region.y < viewport.y + height_px
+        and region.y + region.height > viewport.y
+    ]
+    return max([0, *reach_px])
+
+
 def draw_text(context: bpy.types.Context, text: str) -> None:
     """A line at the lower left of the current viewport, beside what lies over it."""
     scale = context.preferences.system.ui_scale
-    covered = [region.width for region in context.area.regions if region.type == "TOOLS" and region.width > 1]
     font = 0
     blf.size(font, 11 * scale)
     blf.enable(font, blf.SHADOW)
     blf.shadow(font, 6, 0.0, 0.0, 0.0, 1.0)  # an outline: a pass may be white
     blf.color(font, 1.0, 1.0, 1.0, 1.0)
-    blf.position(font, max(covered, default=0) + 20 * scale, 20 * scale, 0)
+    blf.position(font, covered_px(context.region, context.area.regions, TEXT_TOP_PX * scale) + 20 * scale, 20 * scale, 0)
     blf.draw(font, text)
     blf.disable(font, blf.SHADOW)
