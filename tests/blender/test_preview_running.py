@@ -99,6 +99,27 @@ def test_nothing_happens_until_it_is_switched_on(viewport):
     assert not viewport.texts and not viewport.pictures
 
 
+def test_without_surfaces_it_says_what_is_left_out(scene, viewport):
+    smoke = bpy.data.objects.new("Smoke", bpy.data.volumes.new("Smoke"))
+    scene.collection.objects.link(smoke)
+    switch_on(scene, viewport)
+    cube, floor = bpy.data.objects["Cube"], bpy.data.objects["Floor"]
+    for each in (cube, floor):
+        scene.collection.objects.unlink(each)
+    bpy.context.view_layer.update()
+    switch_on(scene, viewport)
+    assert viewport.texts[-1].startswith("VIR: no surface that is rendered; Smoke: volumes are not")
+    bpy.data.objects.remove(smoke)
+    scene.collection.objects.link(cube)
+    bpy.context.view_layer.update()
+    switch_on(scene, viewport)
+    assert "8 of 8 views" in viewport.texts[-1]
+    scene.collection.objects.unlink(cube)
+    bpy.context.view_layer.update()
+    switch_on(scene, viewport)
+    assert viewport.texts[-1] == "VIR: no surface that is rendered"
+
+
 def test_on_and_off(scene, viewport):
     switch_on(scene, viewport)
     assert is_at_work() == {True}

@@ -1,14 +1,17 @@
 """What a new artist does wrong or at the wrong moment: no camera, no light, hidden and deleted lights, undo and F12 while passes are
-rendered, a file that was never saved. The panel says what to do, and nothing is broken afterwards."""
+rendered, a file that was never saved, nothing but a volume or grease pencil, a device that is lost. The panel says what to do, and
+nothing is broken afterwards."""
 
+import importlib
 import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).parent))
 
 import bpy
-from driver import Steps, close_other_windows, press, redraw, render, run, screenshot, show_panel, view, wait_until
+from driver import MODULE, Steps, close_other_windows, press, redraw, render, run, screenshot, show_panel, view, wait_until
 from previewing import blender_side, finish, is_rendering, make_scene, passes, shown
 
 ENOUGH_VIEWS, ENOUGH_PERCENT = 1024, 400
@@ -84,11 +87,96 @@ def nothing_to_render() -> Steps:
     yield from screenshot("3_all_switched_off")
     scene.vir.use_soft_shadows = scene.vir.use_omni_shadows = True
     bpy.data.objects["Cube"].hide_render = bpy.data.objects["Plane"].hide_render = True
-    yield from says("no light has a pass")
+    yield from says("no surface")
     yield from render_passes()
     yield from screenshot("4_nothing_to_see")
     bpy.data.objects["Cube"].hide_render = bpy.data.objects["Plane"].hide_render = False
     yield from finish("objects again")
+
+
+def nothing_but(kind: str, add: Callable[[], object]) -> Steps:
+    """A camera, a light and what passes leave out: said in the panel and by the preview."""
+    bpy.ops.wm.read_homefile(use_factory_startup=False)
+    yield 0.5
+    bpy.data.objects.remove(bpy.data.objects["Cube"])
+    add()
+    scene = bpy.context.scene
+    scene.vir.view_count, scene.vir.use_preview = 16, True
+    scene.render.resolution_x, scene.render.resolution_y = 480, 270
+    scene.render.engine = "BLENDER_WORKBENCH"
+    yield from show_panel()
+    yield from says("no surface")
+    try:
+        yield from render_passes()
+    except RuntimeError as error:
+        print(f"{kind}: {error}", flush=True)
+    assert "no surface" in problem() and "left out" in problem(), problem()
+    yield from screenshot(f"9_{kind}")
+    scene.vir.use_on_render = True
+    yield from render()
+    yield from close_other_windows()
+
+
+def add_volume() -> None:
+    volume = bpy.data.objects.new("Smoke", bpy.data.volumes.new("Smoke"))
+    bpy.context.scene.collection.objects.link(volume)
+
+
+def add_grease_pencil() -> None:
+    bpy.ops.object.grease_pencil_add(type="STROKE")
+
+
+class Lost:
+    """A device whose driver has given up: whatever it is asked for fails."""
+
+    def __init__(self, name: str) -> None:
+        self.kernel = {"gpu": ("blender_gpu_device", "BlenderComputeKernel"), "moderngl": ("moderngl_device", "ModernglComputeKernel")}[
+            name
+        ]
+
+    def __enter__(self) -> None:
+        module = importlib.import_module(f"{MODULE}.vir_addon.device.{self.kernel[0]}")
+        self.owner = getattr(module, self.kernel[1])
+        self.dispatch = self.owner._dispatch
+        self.owner._dispatch = lambda *_: self.refuse()
+
+    def refuse(self) -> None:
+        raise RuntimeError("context lost")
+
+    def __exit__(self, *_: object) -> None:
+        self.owner._dispatch = self.dispatch
+
+
+def lose_devices() -> Steps:
+    """While the preview runs, and while passes are rendered: both say so, the passes of before are there, and both work again."""
+    bpy.ops.wm.read_homefile(use_factory_startup=False)
+    yield 0.5
+    make_scene()
+    scene = bpy.context.scene
+    yield from show_panel()
+    scene.vir.use_preview = True
+    yield from finish("on")
+    yield from render_passes()
+    before = {name: bpy.data.images[name].pixels[:] for name in passes()}
+    with Lost("gpu"):
+        bpy.data.objects["Cube"].location.x = 0.5
+        yield from says("context lost")
+        yield from screenshot("10_device_lost")
+    bpy.data.objects["Cube"].location.x = 0.6
+    redraw()
+    yield from finish("another device")
+    scene.vir.device = "MODERNGL"
+    with Lost("moderngl"):
+        try:
+            yield from render_passes()
+        except RuntimeError as error:
+            print(f"lost: {error}", flush=True)
+        assert "context lost" in problem(), problem()
+        yield from screenshot("11_device_lost_in_render")
+    assert {name: bpy.data.images[name].pixels[:] for name in passes()} == before
+    yield from render_passes()
+    assert not problem(), problem()
+    assert {name: bpy.data.images[name].pixels[:] for name in passes()} != before
 
 
 def at_the_wrong_moment() -> Steps:
@@ -146,6 +234,9 @@ def steps() -> Steps:
     yield from finish("on")
     yield from nothing_to_render()
     yield from at_the_wrong_moment()
+    yield from nothing_but("volume", add_volume)
+    yield from nothing_but("grease_pencil", add_grease_pencil)
+    yield from lose_devices()
 
 
 run(steps)

@@ -290,7 +290,7 @@ def status_text(shown: Shown) -> str:
     standing = shown.preview.render.standing
     if not standing.views_total:
         if shown.preview.is_done:
-            return "VIR: no light has a pass to show"
+            return f"VIR: {_why_no_views(shown.preview)}"
         count = shown.preview.render.compiled_count
         return f"{PREPARING}, {count} shader{'s' * (count != 1)} compiled" if count else PREPARING
     if shown.preview.is_done and shown.preview.picture is None:
@@ -303,6 +303,14 @@ def status_text(shown: Shown) -> str:
 
 def _is_figureless(said: str) -> bool:
     return said.startswith((READING, PREPARING))
+
+
+def _why_no_views(preview: ViewportPreview) -> str:
+    snapshot = preview.render.snapshot
+    if snapshot is None or len(snapshot.instances):
+        return "no light has a pass to show"
+    left_out = next((f"; {item.text}" for item in snapshot.left_out if not item.is_light), "")
+    return f"no surface that is rendered{left_out}"
 
 
 def _why_empty(preview: ViewportPreview) -> str:
