@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -141,6 +143,10 @@ def test_pixels_settle_no_sooner_than_lamps_have_shown_some_of_their_views(devic
         image, rays[count], renderer = rendered(scene, device, ReflectionFilter.ADAPTIVE, count, view_count=16)
         errors[count] = rms(np.clip(image, 0, 1) - np.clip(truth, 0, 1), shown)
     assert renderer.reflections.least_rounds == 16 < rays[64] < 40
+    # what has one view has shown it after a batch
+    bulb = dataclasses.replace(scene, lights=(point_light(eye=(1.5, -2, 2.5), radius_m=0.0),))
+    _, few, _ = rendered(bulb, device, ReflectionFilter.ADAPTIVE, 64, view_count=16)
+    assert few < 14
     assert shown.sum() > 300 and errors[64] < 0.9 * errors[25]
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -538,8 +537,8 @@ class ReflectionWork:
 def _least_batches(plan: RenderPlan) -> int:
     """Of which every light has shown LEAST_SETTLING_VIEWS of its views, or all that it has."""
     counts = [planned.view_count for planned in (*plan.passes, *plan.reflected_lights) if planned.runs and planned.view_count]
-    least = max((Fraction(min(count, LEAST_SETTLING_VIEWS), count) for count in counts), default=Fraction(0))
-    return math.ceil(least * plan.batch_count)
+    # of fewer views than batches each batch has one
+    return max((math.ceil(min(count, LEAST_SETTLING_VIEWS) / max(count / plan.batch_count, 1.0)) for count in counts), default=0)
 
 
 def _recursive_rounds(kind: ReflectionFilter, round_count: int) -> np.ndarray:
