@@ -70,6 +70,7 @@ PEERS: dict[str, Run] = {
     "peers_model": peers.model,
     "reflections_cycles": reflections_cycles.run,
     "reflections_rays": reflections_cycles.rays,
+    "reflections_room": reflections_cycles.room,
 }
 """what `--peers` runs: `make bench-peers`"""
 NAMES = [*BENCHMARKS, *PEERS]

@@ -327,7 +327,7 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
 
 def sampled(options: Options, device: Device) -> Iterator[dict[str, Any]]:
     """epr as published, by points of an eye's pixel and by samples of the filter; from farther and nearer."""
-    reflector_count, triangle_count, width_px = options.pick((20, 1_000_000, 320), (2, 20_000, 64))
+    reflector_count, triangle_count, width_px = options.pick((5, 200_000, 240), (2, 20_000, 64))
     counts = options.pick((1, 4, 9, 16, POISSON_SAMPLES), (1, 8))
     kinds = (ReflectionFilter.POISSON, ReflectionFilter.ADAPTIVE)
     choices = [(share, counts[-1], kind) for share in options.pick((1 / 4, 1 / 2, 1.0), (1 / 2,)) for kind in kinds]

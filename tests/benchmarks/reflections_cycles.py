@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,11 @@ ROOMS: dict[str, Callable[[bpy.types.Scene], None]] = {
     "the same, roughness 0.2": lambda scene: mirror_room.build(scene, shape="sphere", roughness=0.2),
 }
 """in which fewer and more rays are compared"""
+MIRRORS: dict[str, Callable[[bpy.types.Scene], None]] = {
+    **{shape: partial(mirror_room.build, shape=shape) for shape in ("sphere", "column", "flat")},
+    "sphere, roughness 0.2": partial(mirror_room.build, shape="sphere", roughness=0.2),
+}
+"""in the same room, from top to bottom of the picture in docs/reflections.md"""
 RAY_COUNTS = 1, 4, 9, 16, 25, 36, 64
 """25 is what Gavane & Watson 2022 b filter with"""
 FILTERS = {
@@ -65,7 +71,7 @@ class Comparison:
     def __init__(self, name: str, resolution: tuple[int, int], samples: int, bounces: tuple[int, ...]) -> None:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self.name, self.scene, self.resolution = name, bpy.context.scene, resolution
-        (SCENES | ROOMS)[name](self.scene)
+        (SCENES | ROOMS | MIRRORS)[name](self.scene)
         halves = [cycles_reflections.render_bounces(self.scene, resolution, samples // 2, bounces, seed) for seed in (2, 3)]
         self.color = (halves[0][0] + halves[1][0]) / 2
         self.judged = self.color.max(axis=-1) > LEAST_COLOR
@@ -105,6 +111,20 @@ class Comparison:
             self.pictures[count, EEVEE] = picture
             self.rows.append({"bounces": count, "renderer": EEVEE})
         return ""
+
+    def measure_look_ups(self, device: Device) -> Iterator[np.ndarray]:
+        """Rows with errors of maps that are marched through and looked up by direction; yields pictures of both, the reference first, each
+        but that followed by its difference."""
+        truth = self.truths[1]
+        yield truth
+        for look_up in (ReflectionLookUp.MARCH, ReflectionLookUp.DIRECTION):
+            settings = Settings(effects=(Effect.REFLECTION,), bounces=1, view_count=16, reflection_look_up=look_up)
+            (job,) = frame_jobs(self.scene, self.scene.frame_current, settings, self.resolution).values()
+            images = run_job(job, device).images
+            picture = displayed(images[REFLECTION_PASS_NAME], images[REFLECTION_COLOR_PASS_NAME])
+            self.rows.append({"look_up": look_up.value, "rmse": self.rms(picture - truth)})
+            yield picture
+            yield np.clip(DIFFERENCE_SCALE * np.abs(picture - truth), 0, 1) * self.judged[..., None]
 
     def measure_rays(self, device: Device, counts: tuple[int, ...]) -> Iterator[dict[str, Any]]:
         """Of one bounce: so many rays a pixel, each of an eye sample of its own or as published; and as many samples of Cycles. Whole
@@ -179,6 +199,39 @@ def run(options: Options) -> Iterator[list[BenchTable]]:
         rows += comparison.judge()
         comparison.save_pictures(options.output)
         yield [table(rows, resolution, samples, notes)]
+
+
+def room(options: Options) -> Iterator[list[BenchTable]]:
+    """Mirrors in a room, marched through depth and looked up by direction, and their picture."""
+    resolution, samples = options.pick(((256, 144), 256), ((64, 36), 8))
+    rows: list[dict[str, Any]] = []
+    strips: list[np.ndarray] = []
+    for name in MIRRORS:
+        comparison = Comparison(name, resolution, samples, (1,))
+        device = open_device(options.device_name)
+        try:
+            strips.append(np.concatenate(list(comparison.measure_look_ups(device)), axis=1))
+        finally:
+            device.close()
+        errors = {row["look_up"]: row["rmse"] for row in comparison.rows}
+        rows.append({"mirror": name, "noise": comparison.rms(comparison.noises[1]), **errors})
+        yield [table_of_room(rows, resolution, samples)]
+    sheet = np.concatenate([strip[::-1] for strip in strips])
+    Image.fromarray((255 * sheet + 0.5).astype(np.uint8)).quantize(256).save(options.output / "reflections_mirror_room.png", optimize=True)
+
+
+def table_of_room(rows: list[dict[str, Any]], resolution: tuple[int, int], samples: int) -> BenchTable:
+    return BenchTable(
+        title=f"Mirrors in a room, {resolution[0]} x {resolution[1]}",
+        compared=f"One bounce, lamps of 16 views; RMSE as displayed on pixels that reflect, from Cycles with {samples} samples.",
+        columns=(
+            Column("mirror", "mirror"),
+            Column("march", "marched", "{:.4f}"),
+            Column("direction", "by direction", "{:.4f}"),
+            Column("noise", "noise", "{:.4f}"),
+        ),
+        rows=rows,
+    )
 
 
 def rays(options: Options) -> Iterator[list[BenchTable]]:
