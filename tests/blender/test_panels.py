@@ -60,9 +60,9 @@ class Layout:
 FAKE_LIST = SimpleNamespace(filter_name="", bitflag_filter_item=1)
 
 
-def context() -> SimpleNamespace:
+def context(width_px: int = 420) -> SimpleNamespace:
     space = SimpleNamespace(overlay=SimpleNamespace(show_overlays=True))
-    region = SimpleNamespace(width=420)
+    region = SimpleNamespace(width=width_px)
     return SimpleNamespace(
         scene=bpy.context.scene,
         view_layer=bpy.context.view_layer,
@@ -171,3 +171,15 @@ def test_what_keeps_passes_from_being_made_stands_in_the_panel(room, spoil, word
         with pytest.raises(RuntimeError, match=words):
             bpy.ops.vir.render()
     assert words in " ".join(texts(drawn_by(*panels_in("VIEW_3D")))).casefold()
+
+
+def test_a_reflectors_row_says_what_there_is_room_for(room):
+    room.vir.use_reflections, room.objects["Cube"].vir.reflector = True, "ALWAYS"
+    bpy.ops.vir.plan()
+    rows = {}
+    for width_px in (290, 3000):
+        drawn: list[tuple[str, str]] = []
+        panels.VIR_UL_reflectors.draw_item(FAKE_LIST, context(width_px), Layout(drawn), room, room.objects["Cube"], 0, None, "", 0)
+        rows[width_px] = drawn[-1][1]
+    method, colon, rest = rows[3000].partition(":")
+    assert colon and "x" in rest and rows[290] == method

@@ -28,6 +28,10 @@ ICON_LETTERS = 4
 """that would fit in an icon's place"""
 LIST_MARGIN_PX = 90.0
 """beside that and what was decided, at scale 1: tabs, borders, the box to tick"""
+REFLECTOR_SHARE = 0.3
+"""of a reflector's row, for its name"""
+MARK_LETTERS, MOST_MARK_SHARE = 13, 0.6
+"""that "Automatic" and the arrow beside it take, and their share of the rest of the row at most"""
 METHOD_PROPERTIES = {
     "HYBRID": ("small_triangle_points",),
     "VWSS": ("back_faces", "views_per_thread"),
@@ -74,15 +78,19 @@ class VIR_UL_reflectors(bpy.types.UIList):
     def draw_item(
         self, context: Any, layout: Any, data: Any, item: Any, icon: int, active_data: Any, active_property: str, index: int = 0
     ) -> None:
-        split = layout.split(factor=0.3, align=True)
+        letters = _letters_across(context, LIST_MARGIN_PX)
+        split = layout.split(factor=REFLECTOR_SHARE, align=True)
         split.label(text=item.name, translate=False, icon="OBJECT_DATA")
-        row = split.split(factor=0.4, align=True)
+        mark_share = min(MARK_LETTERS / (letters * (1.0 - REFLECTOR_SHARE)), MOST_MARK_SHARE)
+        row = split.split(factor=mark_share, align=True)
         row.prop(item.vir, "reflector", text="")
         state = state_of(context.scene)
         runs, how = state.reflectors.get(state.name_of(item), (False, "not a reflector" if state.plans else "not planned yet"))
         text = row.row()
         text.active = runs
-        text.label(text=how, translate=False)
+        # all of it stands below the list once the row is clicked
+        fits = len(how) <= letters * (1.0 - REFLECTOR_SHARE) * (1.0 - mark_share)
+        text.label(text=how if fits else how.partition(":")[0], translate=False)
 
     def filter_items(self, context: Any, data: Any, property_name: str) -> tuple[list[int], list[int]]:
         objects = getattr(data, property_name)
