@@ -72,6 +72,10 @@ bool leaves_in_sight(float depth, float height, float z, float footprint, float 
 const int SEEN = 0;
 const int HIDDEN = 1;
 const int UNDECIDED = 2;  // takes a look at the neighbouring texels
+const int UNKNOWN = 3;    // no map reaches there
+
+// Of its weight: it says nothing where other samples do, and otherwise that the pixel is dark.
+const float UNKNOWN_SHARE = 1.0e-8;
 
 struct LookUp {
     ivec2 address;
@@ -284,6 +288,23 @@ bool may_be_behind_outline(LookUp own, float z) {
     return is_beyond && dot(own.offset, own.facing_step) < 0.0 && is_grazed(own);
 }
 
+// What is known of a point that the view's map does not have: it is so near that the light touches it, or beyond the window. Windows end
+// where casters' outlines do, with an empty margin, and then all is lit beyond; or with the receivers that were known when they were
+// fitted. depth: what the map has at its edge
+int sight_beyond(vec3 p, vec2 at, float depth) {
+#ifdef LIT_BEYOND
+    return SEEN;
+#else
+#ifdef OMNI
+    if (p.z <= near_m) {
+        return any(greaterThan(abs(p.xy), vec2(2.0 * near_m))) ? UNKNOWN : SEEN;
+    }
+#endif
+    bool is_known = at.x > FAR_TEXELS || (at.x > -FAR_TEXELS && depth >= p.z);
+    return p.z <= near_m || is_known ? SEEN : UNKNOWN;
+#endif
+}
+
 // What the point's own texel says. p: from the view's centre, face space; depth: what the map has there
 int sight(int k, vec3 p, vec3 normal_fs, float depth) {
 #ifdef SEALED
@@ -293,9 +314,8 @@ int sight(int k, vec3 p, vec3 normal_fs, float depth) {
         return HIDDEN;  // the surface itself is in the way
     }
     vec2 at = map_position(k, p);
-    // outside every caster's outline (windows have a margin), or so near that the light touches it
     if (p.z <= near_m || any(lessThan(at, vec2(1.0))) || any(greaterThanEqual(at, vec2(map_size - 1)))) {
-        return SEEN;
+        return sight_beyond(p, at, depth);
     }
     LookUp own = look_up(k, p, normal_fs, at, depth);
     if (is_in_sight_of_centre(own, p.z)) {
@@ -440,6 +460,7 @@ vec2 sums_of_view(int k, Receiver receiver, float depth, inout uint undecided) {
     }
     counts = counts && ((face_mask | receiver.late_faces) & belongs_to) != 0;
 #endif
+    weight *= found == UNKNOWN ? UNKNOWN_SHARE : 1.0;
     undecided |= counts && found == UNDECIDED ? 1u << uint(k) : 0u;
     return counts ? weight * vec2(found == SEEN ? 1.0 : 0.0, 1.0) : vec2(0.0);
 }

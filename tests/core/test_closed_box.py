@@ -19,7 +19,7 @@ from tests.scenes import (
     snapshot,
     spot_light,
 )
-from vir_addon.core.scene import Camera, PixelFilter
+from vir_addon.core.scene import Camera, Mesh, PixelFilter
 from vir_addon.core.settings import PointStorage
 
 WIDTH, HEIGHT = 96, 54
@@ -196,3 +196,43 @@ def test_nothing_leaks_at_the_borders_of_a_large_picture(device, method):
     )
     image = render_pass(scene, device, method=method, view_count=64, map_resolution_px=512)
     assert set(np.unique(image)) <= {0.0, 1.0}, f"{((image > 0) & (image < 1)).sum()} pixels"
+
+
+def box_beside_what_is_seen(seed):
+    """Hills or balls, seen with a pixel filter; the box is not in the picture, but for what it casts."""
+    random = np.random.default_rng(seed)
+    width, height = 96, 54
+    x = np.linspace(-20.0, 20.0, 120)
+    hill = np.sin(1.3 * x + random.uniform(0, 6))
+    heights = random.uniform(0.05, 0.25) * np.outer(hill, np.cos(0.9 * x)) if seed % 2 else np.zeros((120, 120))
+    ground = np.stack([*np.meshgrid(x, x, indexing="ij"), heights], axis=-1).reshape(-1, 3)
+    first = (np.arange(119)[:, None] * 120 + np.arange(119)).ravel()
+    corners = np.concatenate([np.stack([first, first + 120, first + 121], axis=1), np.stack([first, first + 121, first + 1], axis=1)])
+    meshes = [Mesh("ground", ground.astype(np.float32), corners.astype(np.int32))]
+    for k in range(25 * (1 - seed % 2)):
+        angle, away_m, radius_m = random.uniform(0, 6.3), random.uniform(2.5, 6.0), random.uniform(0.05, 0.8)
+        at = (away_m * np.cos(angle), away_m * np.sin(angle), random.uniform(0.0, 4.0))
+        meshes.append(bumpy_sphere(f"ball {k}", at, radius_m, int(random.choice([6, 16, 32]))))
+    centre = np.array([0.0, 0.0, random.uniform(1.6, 2.5)])
+    meshes.append(box("around", centre, random.uniform(0.35, 0.7, 3), turn_rad=random.uniform(0, 1.5)))
+    light = [
+        area_light(eye=centre, target=(0.3, 0.1, 0.0), size_m=(0.2, 0.15)),
+        point_light(eye=centre, radius_m=0.1),
+        spot_light(eye=centre, target=(0.5, 0.3, 0.0), radius_m=0.05, cone_rad=2.5),
+    ][seed % 3]
+    side, distance_m = random.uniform(0, 6.3), random.uniform(3.0, 9.0)
+    eye = (distance_m * np.cos(side), distance_m * np.sin(side), random.uniform(2.5, 6.0))
+    camera = perspective_camera(eye, (*random.normal(scale=2.5, size=2), 0.2), width, height)
+    seen = [each.name != "around" for each in meshes]
+    return snapshot(meshes, [light], camera, width, height, visible_to_camera=seen, pixel_filter=PixelFilter())
+
+
+@pytest.mark.parametrize("seed", [15, 26, 27, 31, 42, 63, 69, 75, 84, 88, 96])
+def test_nothing_leaks_where_only_later_eye_samples_look(device, seed, monkeypatch):
+    """Views are fitted to what the first eye sample sees. Others see curved ground beyond the picture's edge and the rims of balls."""
+    scene = box_beside_what_is_seen(seed)
+    image = render_pass(scene, device, method=METHODS[0], view_count=16, map_resolution_px=256)
+    monkeypatch.setattr("vir_addon.core.light_plan.sealing_object", lambda *_: "around")
+    without_light = render_pass(scene, device, method=METHODS[0], view_count=16, map_resolution_px=256)
+    leaks = image > without_light
+    assert not leaks.any(), f"{leaks.sum()} pixels, {image[leaks].max():.3f} at most"

@@ -56,6 +56,8 @@ class FittedFace:
     """(n,) int64 instances that some view needs"""
     seen_by_view: np.ndarray
     """(view_count, n) bool: which view needs which"""
+    has_receivers: np.ndarray
+    """(view_count,) bool: views which see a receiver that was known in this face"""
     nearest_caster_m: float
     """a lower bound of the depth of casters before any view; may be negative"""
 
@@ -240,6 +242,7 @@ def fit_face(
     eyes = centers_fs if exact else hull_fs
     seen = np.zeros((len(eyes), len(corners)), bool)
     windows = np.zeros((4, len(eyes)))
+    has_receivers = np.zeros(len(eyes), bool)
     nearest_m = np.inf
     # coordinate by coordinate: views times corners are what this function's time goes by
     outermost = points[_may_be_outermost(points, eyes, near_m, limits)]
@@ -247,6 +250,7 @@ def fit_face(
     for index, eye in enumerate(eyes):
         received = _to_seams(_union(_tangent_bounds(receiving - eye[:, None, None], near_m, limits)), goes_on, limits)
         received = _with_margin(received, receivers.margin, limits, receivers.gap_tangent)
+        has_receivers[index] = not _is_empty(received)
         from_eye = casting - eye[:, None, None]
         shadowing = _intersect(_tangent_bounds(from_eye, near_m, limits), received[:, None])
         depth = from_eye[2].min(axis=0)
@@ -260,9 +264,10 @@ def fit_face(
     if not exact:
         windows = np.tile(_union(windows)[:, None], len(centers_fs))
         seen = np.tile(needed, (len(centers_fs), 1))
+        has_receivers = np.tile(has_receivers.any(), len(centers_fs))
     windows[:, _is_empty(windows)] = 0
     views = fit_windows(face, centers_fs, samples_m, windows.T, resolution_px, near_m, far_m, center, finest_tangent=finest)
-    return FittedFace(views, caster_indices[needed], seen[:, needed], float(nearest_m))
+    return FittedFace(views, caster_indices[needed], seen[:, needed], has_receivers, float(nearest_m))
 
 
 def has_thin_walls(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds, faces: Iterable[FittedFace]) -> bool:
@@ -317,7 +322,7 @@ def _face_without_casters(
     views = FaceViews(
         face, centers_fs, samples_m, (1.0, 1.0), np.zeros((count, 2), np.int64), 0, 0, near_m, far_m, origin_ws, is_orthographic=is_sun
     )
-    return FittedFace(views, np.zeros(0, np.int64), np.zeros((count, 0), bool), np.inf)
+    return FittedFace(views, np.zeros(0, np.int64), np.zeros((count, 0), bool), np.ones(count, bool), np.inf)
 
 
 def _sheared_bounds(points: np.ndarray, shear: np.ndarray) -> np.ndarray:
@@ -375,7 +380,7 @@ def fit_sun(
     far_m, origin_ws = depth_m + 3 * near_m, bounds.yardstick_ws + start * axes[2]
     unit_m = bounds.yardstick_m
     views = fit_windows(face, centers_fs, samples_m, windows.T, resolution_px, near_m, far_m, origin_ws, shear_depth_m=depth_m, unit=unit_m)
-    return FittedFace(views, casters.indices[needed], seen[:, needed], near_m)
+    return FittedFace(views, casters.indices[needed], seen[:, needed], np.ones(len(samples_m), bool), near_m)
 
 
 def fit_light(

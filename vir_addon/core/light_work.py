@@ -29,7 +29,7 @@ from .passes.accumulate import (
 )
 from .passes.eye import EyePass
 from .passes.percentage_closer import PERCENTAGE_CLOSER, LightTaps, light_radius_m
-from .passes.resolve import DELIVERED_FLAGS, FIRST_FACE, LAST_FACE, RESOLVE, TILE_FACES, WAS_LIT
+from .passes.resolve import DELIVERED_FLAGS, FIRST_FACE, LAST_FACE, LIT_WINDOW, RESOLVE, TILE_FACES, UNKNOWN_WINDOW, WAS_LIT
 from .passes.scene_data import SceneData
 from .passes.shadow_maps import MAX_BATCH_VIEWS, DepthMaps, face_table, samples_table, views_table
 from .plan import RenderPlan
@@ -285,8 +285,10 @@ class LightWork(Shared):
         if self.mapped:
             self.masks[0] |= sum(1 << fitted.views.face.index for fitted, _, method in self.faces if method is None)
         if fit.is_cube and (len(self.masks) > 1 or self.taps):
-            # what lies in faces without casters lies beyond a single map's window, where all is lit anyway
             self.resolve_flags.append("MANY_FACES")
+        elif fit.is_cube:
+            # faces without casters need not be told apart from the one with a map
+            self.resolve_flags.append("LIT_BEYOND")
         if fit.has_thin_walls and self.planned.method.tells_planes:
             self.resolve_flags.append("THIN_WALLS")
         for _, _, method in self.faces:
@@ -493,7 +495,7 @@ class LightWork(Shared):
         face = {
             "depth_maps": maps,
             "face": table,
-            "views": views_table(fitted.views, selected),
+            "views": _looked_up_views(fitted, selected),
             "samples": samples_table(fitted.views, self.sample_weights, selected),
             "map_face": fitted.views.face.index,
             "face_mask": self.masks[index],
@@ -549,6 +551,14 @@ def _as_it_casts(light: Light, planned: PlannedPass, scene_data: SceneData) -> L
     if light.casts_shadow and not planned.is_sealed:
         return light
     return replace(light, blockers=np.zeros(len(scene_data.snapshot.instances), bool))
+
+
+def _looked_up_views(fitted: FittedFace, selected: range) -> np.ndarray:
+    """`views_table` for looking up: windows of views that need no map, whatever others leave in it, are where no receiver is."""
+    table, part = views_table(fitted.views, selected), slice(selected.start, selected.stop)
+    table[1::2, 0][~fitted.seen_by_view[part].any(axis=1)] = LIT_WINDOW
+    table[1::2, 0][~fitted.has_receivers[part]] = UNKNOWN_WINDOW
+    return table
 
 
 def _taps(planned: PlannedPass, light: Light, plan: RenderPlan) -> LightTaps | None:

@@ -32,6 +32,11 @@ TURN_DEFINES = {"LATE_FACES": LATE_FACES, "FIRST_FACE": FIRST_FACE, "LAST_FACE":
 """What RESOLVE knows of a tile's turn in a round: faces before this one that count as they did before, as lit or as dark, and whether it
 begins or ends the round's sums."""
 
+FAR_TEXELS = 5e8
+"""more than any receiver is aside of a window"""
+LIT_WINDOW, UNKNOWN_WINDOW = -2 * FAR_TEXELS, 2 * FAR_TEXELS
+"""where windows are that receivers are all far to the right of, and to the left: what casts is nowhere before them; nobody knew of them"""
+
 TOLERANCES: dict[str, int | float] = {
     # What is stored deeper than the receiver by more does not hide it: within a texel the receiver's own plane runs no deeper, up to 70
     # degrees from facing the light, and what lies beyond a silhouette is another surface.
@@ -116,13 +121,14 @@ RESOLVE = ComputeDeclaration(
         "SEALED": "something closes around the light: nothing sees it, without a map",
         "RECEIVER_LINKING": "leave out instances that the light does not illuminate",
         "MANY_FACES": "several faces share the directions",
+        "LIT_BEYOND": "beyond the only map lie faces without casters",
         "POINT_MAPS": "the maps were splatted: undo the half texel by which that enlarges outlines",
         **PROBES_FLAG,
         **MIXED_MAPS_FLAG,
         "SMALL_FACETS": "with MIXED_MAPS: points are of small triangles alone",
         "THIN_WALLS": "casters may be walls without thickness: receivers right behind their foot",
     },
-    defines={**TILE_DEFINES, **TURN_DEFINES, **SETTLED_DEFINES, **TOLERANCES},
+    defines={**TILE_DEFINES, **TURN_DEFINES, **SETTLED_DEFINES, **TOLERANCES, "FAR_TEXELS": FAR_TEXELS},
 )
 
 DELIVERED_FLAGS = ("ORTHOGRAPHIC", "OMNI", "SPHERE", "CONE", "SPREAD")
