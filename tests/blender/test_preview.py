@@ -22,6 +22,7 @@ from vir_addon.core.picture import Choice, Shown  # noqa: E402
 from vir_addon.core.plan import plan, settings_for  # noqa: E402
 from vir_addon.core.render import render  # noqa: E402
 from vir_addon.core.settings import Effect, Method, Settings  # noqa: E402
+from vir_addon.device.interface import TextureFormat  # noqa: E402
 from vir_addon.device.open import open_device  # noqa: E402
 
 SIZE = (64, 40)
@@ -268,6 +269,18 @@ def test_another_setting(preview, device):
     finish(preview, more)
     assert preview.render.standing.views_total == 32
     check(preview, device, view_from(), more)
+
+
+def test_what_pixels_see_is_rasterized_into_little_memory_at_a_time(preview, device, monkeypatch):
+    """Whatever the settings say, as clearing more of it would take longer than a slice may. More rasterizations show the same."""
+    monkeypatch.setattr("vir_addon.blender.preview.viewport.VISIBILITY_TEXELS", 0)
+    created, create = [], device.create_texture
+    monkeypatch.setattr(device, "create_texture", lambda *arguments: created.append(arguments) or create(*arguments))
+    finish(preview)
+    seen = [(width, height) for width, height, texture_format in created if texture_format is TextureFormat.RG32UI]
+    view = view_from()
+    assert seen and all(width < 2 * view.width_px and height < 2 * view.height_px for width, height in seen)
+    np.testing.assert_allclose(shown(preview), rendered(device, view, replace(SETTINGS, visibility_texel_count=0)), atol=1e-6)
 
 
 def test_slices_without_any_time(preview, device):

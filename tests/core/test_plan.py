@@ -273,11 +273,11 @@ def test_the_eye_is_rasterized_more_often_in_large_pictures(size, counts):
         assert predicted_rasterization_count(scene, eye_sample_count) == pytest.approx(count)
 
 
-def predicted_rasterization_count(scene, eye_sample_count):
+def predicted_rasterization_count(scene, eye_sample_count, **settings):
     """What is not G-buffers, in times of one rasterization"""
     rates = cost.RATES[Hardware.SOFTWARE]
     buffers_ns = eye_sample_count * scene.width_px * scene.height_px * rates.eye_pixel
-    eye_ms = cost.eye_ms(scene, Settings(hardware=Hardware.SOFTWARE), eye_sample_count)
+    eye_ms = cost.eye_ms(scene, Settings(hardware=Hardware.SOFTWARE, **settings), eye_sample_count)
     return (eye_ms * 1e6 - buffers_ns) / (scene.instanced_triangle_count * rates.raster_triangle)
 
 
@@ -286,15 +286,14 @@ def test_the_eye_is_rasterized_as_often_as_predicted(device, monkeypatch, sample
     """With as many texels for its visibility as it takes with so many samples a pixel"""
     margin_px = 2
     texels = samples_per_px**2 * (WIDTH + 2 * margin_px) * (HEIGHT + 2 * margin_px)
-    monkeypatch.setattr(eye, "MAX_VISIBILITY_TEXELS", texels)
     rasterized, rasterizing = [], eye.EyePass._rasterizing
     monkeypatch.setattr(eye.EyePass, "_rasterizing", lambda *arguments: rasterized.append(arguments) or rasterizing(*arguments))
     scene = scene_with(area_light())
-    with prepared_renderer(scene, device, view_count=128, map_resolution_px=16) as renderer:
+    with prepared_renderer(scene, device, view_count=128, map_resolution_px=16, visibility_texel_count=texels) as renderer:
         render_batches(renderer)
         assert renderer.plan.eye_sample_count == 64
     assert len(rasterized) == -(-64 // samples_per_px**2)
-    assert predicted_rasterization_count(scene, 64) == pytest.approx(len(rasterized))
+    assert predicted_rasterization_count(scene, 64, visibility_texel_count=texels) == pytest.approx(len(rasterized))
 
 
 @pytest.mark.parametrize("row_count", [4, 400])

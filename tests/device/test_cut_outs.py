@@ -23,7 +23,6 @@ from tests.scenes import (
 )
 from vir_addon.core.bounds import compute_bounds
 from vir_addon.core.material import Extension
-from vir_addon.core.passes import eye as eye_pass
 from vir_addon.core.passes.eye import EyePass
 from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.settings import Method
@@ -254,13 +253,12 @@ def test_the_eye_sees_the_share_that_is_not_there(device):
     assert seen.min() >= 1 and seen.max() <= 5
 
 
-def test_every_rasterization_of_the_eye_has_thresholds_of_its_own(device, monkeypatch):
+def test_every_rasterization_of_the_eye_has_thresholds_of_its_own(device):
     """In large pictures there is one for each of 32 offsets."""
     size = 64
-    monkeypatch.setattr(eye_pass, "MAX_VISIBILITY_TEXELS", 0)
     scene = snapshot([floor(), pane(0.3)], [area_light()], camera_from_above((0.0, 0.0), 1.0, size, size), size, size)
     scene_data = SceneData(scene, device)
-    eye = EyePass(scene_data, compute_bounds(scene), np.zeros((32, 2)))
+    eye = EyePass(scene_data, compute_bounds(scene), np.zeros((32, 2)), visibility_texel_count=0)
     seen = []
     for index in range(32):
         eye.render([index], batch=0)

@@ -245,7 +245,6 @@ def test_a_step_takes_little_memory(device, progressive, monkeypatch):
     """Of textures as large as the picture as many as fit, and the one that is created last."""
     size, limit = (WIDTH * 4, HEIGHT * 4), 3 * 16 * 16 * WIDTH * HEIGHT
     monkeypatch.setattr("vir_addon.core.steps.ALLOCATED_A_STEP", limit, raising=False)
-    monkeypatch.setattr("vir_addon.core.passes.eye.MAX_VISIBILITY_TEXELS", 0)
     ball = bumpy_sphere("mirror", (0.0, 1.2, 0.7), 0.7, 12)
     camera = perspective_camera((0.5, -6.0, 3.5), (0.0, 0.0, 0.5), *size)
     materials = [*3 * [matte()], mirror()]
@@ -260,9 +259,9 @@ def test_a_step_takes_little_memory(device, progressive, monkeypatch):
 
     monkeypatch.setattr(device, "create_texture", lambda *arguments: noted(create, *arguments))
     monkeypatch.setattr(device, "upload_texture", lambda *arguments: noted(upload, *arguments))
-    effects = (Effect.SHADOW, Effect.REFLECTION)
-    render_passes(scene, device, **OPTIONS, effects=effects)  # which compiles what it takes: a step more for each
-    progressive.show(scene, Settings(**OPTIONS, effects=effects))
+    options = {**OPTIONS, "effects": (Effect.SHADOW, Effect.REFLECTION), "visibility_texel_count": 0}
+    render_passes(scene, device, **options)  # which compiles what it takes: a step more for each
+    progressive.show(scene, Settings(**options))
     of_steps = []
     while not progressive.is_done:
         before = created[0]

@@ -90,10 +90,10 @@ def test_software_rasterizers_pause_between_portions_of_the_eyes_triangles(devic
     count = sum(len(scene.meshes[index].triangles) for index in scene.instances.mesh_index)
     monkeypatch.setattr(device, "is_software", is_software)
     monkeypatch.setattr(eye, "TRIANGLES_A_PORTION", 100)
-    monkeypatch.setattr(eye, "MAX_VISIBILITY_TEXELS", 0)  # one rasterization an offset
     with Owned() as owned:
         scene_data = owned.own(SceneData(scene, device))
-        eye_pass = owned.own(eye.EyePass(scene_data, compute_bounds(scene), np.zeros((2, 2))))
+        # one rasterization an offset
+        eye_pass = owned.own(eye.EyePass(scene_data, compute_bounds(scene), np.zeros((2, 2)), visibility_texel_count=0))
         run_steps(eye_pass.rendering([1], batch=0))  # kernels are translated, which takes a pause of its own
         rasterize, drawn = eye_pass.rasterize.draw, []
         monkeypatch.setattr(

@@ -159,7 +159,7 @@ def eye_ms(snapshot: SceneSnapshot, settings: Settings, eye_sample_count: int) -
     pixels, rates = snapshot.width_px * snapshot.height_px, RATES[settings.hardware]
     offsets_px = pixel_offsets(snapshot.pixel_filter, eye_sample_count)
     # devices whose largest texture leaves room for fewer of a long picture are not told apart
-    shared_by = visibility_samples_per_px(offsets_px, (snapshot.width_px, snapshot.height_px)) ** 2
+    shared_by = visibility_samples_per_px(offsets_px, (snapshot.width_px, snapshot.height_px), settings.visibility_texel_count) ** 2
     triangles = math.ceil(eye_sample_count / shared_by) * snapshot.instanced_triangle_count
     return (triangles * rates.raster_triangle + eye_sample_count * pixels * rates.eye_pixel) * 1e-6
 

@@ -272,8 +272,9 @@ class Renderer:
             yield from self.stopwatch.stages("upload", compiling_eye(self.device, self.reflects))
         with self.stopwatch.stage("upload"):
             if self.eye is None:
-                samples_per_batch = self.plan.eye_samples_per_batch
-                self.eye = self._owned.own(EyePass(self.scene_data, self.plan.bounds, self.offsets_px, samples_per_batch, self.reflects))
+                samples_per_batch, texel_count = self.plan.eye_samples_per_batch, self.plan.settings.visibility_texel_count
+                eye = EyePass(self.scene_data, self.plan.bounds, self.offsets_px, samples_per_batch, self.reflects, texel_count)
+                self.eye = self._owned.own(eye)
         yield None
         if self.store is None:
             store = self._owned.own(MapStore(self.device, self.snapshot.width_px, self.snapshot.height_px, self.plan))

@@ -152,6 +152,8 @@ class Settings:
     map_resolution_px: int = 1024
     batch_view_count: int = 8
     """most views of a light in a batch, which never has more than 8: fewer make its steps shorter, and the whole longer"""
+    visibility_texel_count: int = 1 << 25
+    """most that what pixels see is rasterized with at a time: fewer make steps shorter, and rasterizations more"""
     light_names: tuple[str, ...] | None = None
     """None: every light that the scene shows"""
     soft_shadows: bool = True

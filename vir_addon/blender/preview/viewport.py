@@ -29,6 +29,8 @@ from ..extract.viewport_view import ViewportView
 ROOM_SHARE = 0.25
 """Steps that take less of the budget leave room for a finer level, whose steps take up to four times as long."""
 
+VISIBILITY_TEXELS = 1 << 24
+"""128 MiB: to clear textures of more takes longer than a step may"""
 SLOW_TRIES = 2
 """A level that was too slow so often is not tried again: once it may have been another program."""
 
@@ -212,6 +214,7 @@ class ViewportPreview:
             per_reflector=False,
             map_resolution_px=min(settings.map_resolution_px, self.level.map_resolution_px),
             batch_view_count=min(settings.batch_view_count, self.level.batch_view_count),
+            visibility_texel_count=min(settings.visibility_texel_count, VISIBILITY_TEXELS),
         )
         if before is None or self._has_failed or self.render.settings != wanted or not is_same_scene(taken, before):
             self._has_failed = False

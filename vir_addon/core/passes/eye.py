@@ -18,14 +18,14 @@ from ...device.interface import Device, Texture, TextureFormat
 from ...device.owned import Owned, Shared
 from ..bounds import SceneBounds, cullable_instances
 from ..scene import Camera
+from ..settings import Settings
 from ..steps import Allocation, compiling, compiling_raster, run_steps
 from .opacity_maps import of_cut_outs
 from .scene_data import SCENE_DEFINES, SCENE_TEXTURES, SceneData, portions
 from .tiles import PROBES_FLAG, SIZE_CONSTANTS, TILE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, Tiles, TileSplit, grid_shape
 
 MAX_SAMPLES_PER_PX = 6
-"""visibility samples along a pixel's side: as many as there are offsets, or as MAX_VISIBILITY_TEXELS allows"""
-MAX_VISIBILITY_TEXELS = 1 << 25
+"""visibility samples along a pixel's side: as many as there are offsets, or as the settings leave texels for"""
 """400 MiB of visibility and depth"""
 TRIANGLES_A_PORTION = 1 << 18
 """that a software rasterizer draws without a pause: .03 to .06 s of its time"""
@@ -140,14 +140,16 @@ class EyePass(Shared):
         offsets_px: np.ndarray,
         samples_per_batch: int = 1,
         with_triangles: bool = False,
+        visibility_texel_count: int = Settings.visibility_texel_count,
     ) -> None:
         """offsets_px: (n, 2) sub-pixel offsets from pixels' centres that `render` chooses among
-        with_triangles: also tell which triangles pixels see (`triangles`)"""
+        with_triangles: also tell which triangles pixels see (`triangles`)
+        visibility_texel_count: as of `Settings`"""
         snapshot, device = scene_data.snapshot, scene_data.device
         self.camera, self.size = snapshot.camera, (snapshot.width_px, snapshot.height_px)
         self.scene_data, self.device = scene_data, device
         self.margin_px = _margin_px(offsets_px)
-        self.samples_per_px = visibility_samples_per_px(offsets_px, self.size, device.max_texture_size_px)
+        self.samples_per_px = visibility_samples_per_px(offsets_px, self.size, visibility_texel_count, device.max_texture_size_px)
         self.visibility_index, self.base_offsets_px, self.samples = share_visibility(offsets_px, self.samples_per_px)
         self._current_visibility = -1
         self._indices: Sequence[int] = ()
@@ -320,12 +322,13 @@ class EyePass(Shared):
         self._owned.close()
 
 
-def visibility_samples_per_px(offsets_px: np.ndarray, size: tuple[int, int], max_side_px: float = math.inf) -> int:
-    """Along a pixel's side. offsets_px: (n, 2); size: of the picture, width and height; max_side_px: of a texture"""
+def visibility_samples_per_px(offsets_px: np.ndarray, size: tuple[int, int], texel_count: int, max_side_px: float = math.inf) -> int:
+    """Along a pixel's side. offsets_px: (n, 2); size: of the picture, width and height; texel_count: as of
+    `Settings.visibility_texel_count`; max_side_px: of a texture"""
     most = min(math.ceil(math.sqrt(len(offsets_px))), MAX_SAMPLES_PER_PX)
     for samples_per_px in range(most, 1, -1):
         visibility_size = _visibility_size(size, _margin_px(offsets_px), samples_per_px)
-        if max(visibility_size) <= max_side_px and math.prod(visibility_size) <= MAX_VISIBILITY_TEXELS:
+        if max(visibility_size) <= max_side_px and math.prod(visibility_size) <= texel_count:
             return samples_per_px
     return 1
 
