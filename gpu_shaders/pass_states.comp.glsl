@@ -27,7 +27,7 @@ void main() {
     if (surface_samples == 0.0) {
         state = STATE_BACKGROUND;
     } else if (surface_samples == texelFetch(tile_rounds, pixel / TILE_PX, 0).x && continues_to(pixel, pixel + ivec2(1, 0)) && continues_to(pixel, pixel + ivec2(0, 1))) {
-        state = sums.x == 0.0 ? STATE_DARK : (wholly_lit(sums) ? STATE_LIT : STATE_MIXED);
+        state = wholly_dark(sums) ? STATE_DARK : (wholly_lit(sums) ? STATE_LIT : STATE_MIXED);
     }
     imageStore(states, pixel, uvec4(state));
 }

@@ -74,7 +74,7 @@ const int HIDDEN = 1;
 const int UNDECIDED = 2;  // takes a look at the neighbouring texels
 const int UNKNOWN = 3;    // no map reaches there
 
-// Of its weight: it says nothing where other samples do, and otherwise that the pixel is dark.
+// Of its weight: it says nothing where other samples do, and otherwise that the pixel is lit.
 const float UNKNOWN_SHARE = 1.0e-8;
 
 struct LookUp {
@@ -290,18 +290,28 @@ bool may_be_behind_outline(LookUp own, float z) {
 
 // What is known of a point that the view's map does not have: it is so near that the light touches it, or beyond the window. Windows end
 // where casters' outlines do, with an empty margin, and then all is lit beyond; or with the receivers that were known when they were
-// fitted. depth: what the map has at its edge
-int sight_beyond(vec3 p, vec2 at, float depth) {
+// fitted. at, depth: where the map would have it, and what the map has at its edge
+int sight_beyond(int k, vec3 p, vec3 normal_fs, vec2 at, float depth) {
 #ifdef LIT_BEYOND
     return SEEN;
 #else
-#ifdef OMNI
     if (p.z <= near_m) {
+#ifdef OMNI
         return any(greaterThan(abs(p.xy), vec2(2.0 * near_m))) ? UNKNOWN : SEEN;
-    }
+#else
+        return SEEN;
 #endif
-    bool is_known = at.x > FAR_TEXELS || (at.x > -FAR_TEXELS && depth >= p.z);
-    return p.z <= near_m || is_known ? SEEN : UNKNOWN;
+    }
+    if (abs(at.x) > FAR_TEXELS) {
+        return at.x > 0.0 ? SEEN : UNKNOWN;
+    }
+    if (depth >= p.z) {
+        return SEEN;
+    }
+    // nearer at the edge, and not before the receiver's plane, is its own surface
+    vec2 edge = clamp(floor(at), vec2(0.0), vec2(map_size - 1)) + 0.5;
+    vec2 plane = plane_on_ray(k, edge, normal_fs, dot(normal_fs, p));
+    return is_below(depth, depth * plane.y - plane.x, p.z, footprint_at(p.z)) ? SEEN : UNKNOWN;
 #endif
 }
 
@@ -315,7 +325,7 @@ int sight(int k, vec3 p, vec3 normal_fs, float depth) {
     }
     vec2 at = map_position(k, p);
     if (p.z <= near_m || any(lessThan(at, vec2(1.0))) || any(greaterThanEqual(at, vec2(map_size - 1)))) {
-        return sight_beyond(p, at, depth);
+        return sight_beyond(k, p, normal_fs, at, depth);
     }
     LookUp own = look_up(k, p, normal_fs, at, depth);
     if (is_in_sight_of_centre(own, p.z)) {
@@ -462,7 +472,7 @@ vec2 sums_of_view(int k, Receiver receiver, float depth, inout uint undecided) {
 #endif
     weight *= found == UNKNOWN ? UNKNOWN_SHARE : 1.0;
     undecided |= counts && found == UNDECIDED ? 1u << uint(k) : 0u;
-    return counts ? weight * vec2(found == SEEN ? 1.0 : 0.0, 1.0) : vec2(0.0);
+    return counts ? weight * vec2(found == SEEN || found == UNKNOWN ? 1.0 : 0.0, 1.0) : vec2(0.0);
 }
 
 void main() {

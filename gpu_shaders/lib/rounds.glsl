@@ -40,7 +40,7 @@ void add_to_pass(int turn, ivec2 pixel, bool surface, vec2 sums, vec4 before) {
     vec4 tile = own_tile();
     uint state = uint(tile.z);
     bool is_lit = state == STATE_LIT && wholly_lit(sums);
-    bool is_dark = state == STATE_DARK && sums.x == 0.0;
+    bool is_dark = state == STATE_DARK && wholly_dark(sums);
     if (surface ? !is_lit && !is_dark : state != STATE_BACKGROUND) {
         imageStore(disagreeing, ivec2(tile.xy), uvec4(1u));
     }

@@ -408,7 +408,9 @@ class LightWork(Shared):
         """Look what reflectors show up in the maps of a face. look_up: of the hits' eye sample"""
         tiles = reflections.lit_tiles(FIRST_FACE if index == 0 else 0, hits)
         width, height = hits.buffer.positions.width, hits.buffer.positions.height
-        kernel = yield from self._compiling()
+        # what reflectors show is no mean over samples in which those that nothing is known of could be left out
+        has_no_edges = self.look_up is PERCENTAGE_CLOSER or "LIT_BEYOND" in self.resolve_flags
+        kernel = yield from self._compiling(*["LIT_BEYOND"] * (not has_no_edges))
         look_up_of_hits = {**look_up, **hits.buffer._asdict(), "batch_sums": hits.sums, "width": width, "height": height}
         yield from tiles.walking(kernel, **self._bound(look_up_of_hits))
         if index == len(self.mapped) - 1:

@@ -11,6 +11,8 @@ from ...device.interface import Device, Texture, TextureFormat
 from ...device.owned import Owned
 from .tiles import PROBE_STEP_PX, PROBES_PER_ROW, SIZE_CONSTANTS, TILE_PX, Tiles, grid_shape, spread_to_pixels, with_neighbours
 
+LEAST_RATIO = 1e-6
+"""less is 0: a hundred times what samples that nothing is known of (RESOLVE) may make of it"""
 ERROR_TILE_PX = 16
 MIN_SETTLING_VIEWS = 16
 MIN_SETTLING_BATCHES = 2
@@ -315,5 +317,5 @@ def pass_image(shadowed: np.ndarray, delivered: np.ndarray, surface_share: np.nd
     (turned away from the whole light) are 0 and the background is 1."""
     lit = delivered > 0
     ratio = np.divide(shadowed, delivered, out=np.zeros_like(shadowed), where=lit)
-    # the sums' terms come in different orders: a ratio of 1 may be off by a rounding
-    return np.where(lit, np.minimum(ratio, 1), 1 - surface_share).astype(np.float32)
+    # the sums' terms come in different orders: a ratio of 1 may be off by a rounding; samples that nothing is known of are in one of 0
+    return np.where(lit, np.where(ratio > LEAST_RATIO, np.minimum(ratio, 1), 0), 1 - surface_share).astype(np.float32)

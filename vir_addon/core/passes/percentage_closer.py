@@ -23,7 +23,7 @@ from .shadow_maps import DepthMaps
 
 GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
 BLOCK_PX = 16
-_FLAGS_OF_OTHERS = ("POINT_MAPS", "MIXED_MAPS", "SMALL_FACETS", "THIN_WALLS", "SEALED")
+_FLAGS_OF_OTHERS = ("POINT_MAPS", "MIXED_MAPS", "SMALL_FACETS", "THIN_WALLS", "SEALED", "LIT_BEYOND")
 """of maps that are splatted, and of lights without one"""
 
 PERCENTAGE_CLOSER = replace(
@@ -47,7 +47,7 @@ PERCENTAGE_CLOSER = replace(
         ),
     },
     flags={name: text for name, text in RESOLVE.flags.items() if name not in _FLAGS_OF_OTHERS},
-    defines={**{name: number for name, number in RESOLVE.defines.items() if name not in TOLERANCES}, "MAX_TAPS": MAX_TAPS},
+    defines={**{name: number for name, number in RESOLVE.defines.items() if name not in (*TOLERANCES, "FAR_TEXELS")}, "MAX_TAPS": MAX_TAPS},
 )
 
 
