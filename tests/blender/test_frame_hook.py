@@ -83,6 +83,22 @@ def test_an_animation_has_each_frames_passes(animated, tmp_path):
     assert np.abs(frames[0] - frames[2]).max() > 0.5
 
 
+def test_frames_without_a_light_do_not_show_its_shadow_of_another(animated, add, tmp_path, capsys):
+    add.light("Lamp", "POINT", data={"energy": 500.0}, location=(-2.0, -1.0, 6.0))
+    key = bpy.data.objects["Key"]
+    for frame in (1, 2, 3):
+        key.hide_render = frame == 2
+        key.keyframe_insert("hide_render", frame=frame)
+    compose(animated)
+    animated.vir.use_on_render = True
+    bpy.ops.render.render(animation=True)
+    first, second, third = (rendered(tmp_path, frame) for frame in (1, 2, 3))
+    assert first.min() < 0.5 and (second == 1.0).all() and third.min() < 0.5
+    text = f"{PASS} is not rendered in this frame: the pass is white"
+    assert capsys.readouterr().out.count(f"VIR: frame 2, ViewLayer: {text}") == 1
+    assert text not in frame_state.state_of(animated).notes
+
+
 def test_reflections_of_each_frame(animated, tmp_path):
     material = bpy.data.materials.new("Mirror")
     if bpy.app.version < (5, 0):  # later ones always have nodes, and warn

@@ -154,6 +154,54 @@ def test_view_layers_and_scenes_keep_their_passes_apart(room, add):
     assert scene_images("Renamed")["VIR Shadow Key"] == own
 
 
+@pytest.mark.parametrize("change", ["hide", "rename", "delete"])
+def test_a_light_that_is_not_rendered_any_more_has_a_white_pass_and_is_named(room, change):
+    bpy.ops.vir.render()
+    bpy.ops.vir.add_to_compositor()
+    tree = room.compositing_node_group if bpy.app.version >= (5, 0) else room.node_tree
+    (node,) = (node for node in tree.nodes if node.type == "GROUP")
+    tree.links.new(node.outputs["VIR Shadow Lamp"], tree.nodes.new("CompositorNodeBlur").inputs["Image"])
+    image = scene_images(room.name)["VIR Shadow Lamp"]
+    assert pixels_of(image).min() < 0.5
+    room.render.resolution_x = 64
+    lamp = bpy.data.objects["Lamp"]
+    if change == "hide":
+        lamp.hide_render = True
+    elif change == "rename":
+        lamp.name = "Moon"
+    else:
+        bpy.data.lights.remove(lamp.data)
+    assert bpy.ops.vir.render() == {"FINISHED"}
+    assert tuple(image.size) == (64, 27) and (pixels_of(image) == 1.0).all() and not image.is_dirty
+    note = "VIR Shadow Lamp is not rendered in this frame: the pass is white"
+    assert note in frame_state.state_of(room).notes
+    assert node.outputs["VIR Shadow Lamp"].is_linked and pixels_of(scene_images(room.name)["VIR Shadow Key"]).min() < 0.5
+    if change == "hide":
+        lamp.hide_render = False
+        bpy.ops.vir.render()
+        assert pixels_of(image).min() < 0.5 and note not in frame_state.state_of(room).notes
+
+
+def test_filling_what_was_not_rendered_leaves_others_images_alone(room):
+    """Of another scene, of a view layer that is switched off, and what an artist keeps."""
+    front = room.view_layers.new("Foreground")
+    bpy.ops.vir.render()
+    own = scene_images(room.name)["VIR Shadow Lamp"]
+    kept = [own.copy(), scene_images(room.name)["VIR Shadow Lamp (Foreground)"]]
+    with bpy.context.temp_override(scene=full_copy_of(room)):
+        bpy.ops.vir.render()
+    kept += [image for image in bpy.data.images if image.get("vir_scene") == "Scene.001"]
+    kept.append(bpy.data.images.new("VIR Shadow Sun", 4, 4, float_buffer=True))
+    before = [pixels_of(image) for image in kept]
+    front.use = False
+    bpy.data.objects["Lamp"].hide_render = True
+    bpy.ops.vir.render()
+    assert (pixels_of(own) == 1.0).all()
+    for image, pixels in zip(kept, before, strict=True):
+        np.testing.assert_array_equal(pixels_of(image), pixels)
+    assert len(kept) > 6 and not any("Lamp" in note for note in frame_state.state_of(room).notes), "nothing uses it"
+
+
 def test_the_report_is_one_whole_page(room):
     bpy.ops.vir.render()
     assert bpy.ops.vir.open_report() == {"FINISHED"}
@@ -426,6 +474,9 @@ def test_reflections_are_passes_in_colour(room):
     bpy.ops.vir.plan()
     assert panels.reflector_names(room) == {"Cube"}, "it could not be taken back"
     assert not any(runs for runs, _ in frame_state.state_of(room).reflectors.values())
+    room.vir.use_reflections = False
+    bpy.ops.vir.render()
+    assert not any(pixels_of(images[name]).reshape(-1, 4)[:, :3].any() for name in ("VIR Reflection", "VIR Reflection Color"))
 
 
 def test_a_reflector_of_one_of_several_view_layers(room):

@@ -27,7 +27,7 @@ class PassNodes:
     removed: list[str] = field(default_factory=list)
     """outputs of passes that are gone and were linked to nothing"""
     kept: list[str] = field(default_factory=list)
-    """outputs of passes that are gone but still linked: they give the last picture that was written"""
+    """outputs of passes that are gone but still linked: they give what `images.fill_unmade` writes"""
     is_switched_off: bool = False
     """4.5: the scene has compositor nodes but "Use Nodes" is off; switching it on would change the artist's render"""
 

@@ -17,12 +17,13 @@ from typing import Any
 import bpy
 
 from ..core.errors import DeviceError, VirError
+from ..core.pass_set import PassSet
 from ..core.plan import plan, settings_for
 from ..core.settings import Effect
 from . import devices, frame_state
 from .compositor import compositor_tree, has_node, has_pass_nodes
 from .extract import snapshot
-from .images import mark_missing, pack_unsaved, write_images
+from .images import fill_unmade, mark_missing, pack_unsaved, write_images
 from .job import LayerJob, rendered_view_layers
 from .materials.image_cache import ImageCache
 from .properties import settings_of
@@ -110,9 +111,20 @@ def render_layer(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None
     if render.error is not None:
         raise render.error
     is_first = layer_name == rendered_view_layers(scene)[0].name
-    write = partial(write_images, pack=False, scene_name=scene.name, layer_name=None if is_first else layer_name)
-    _change_images(scene, partial(write, render.layers[layer_name]))
+    unmade: dict[str, bpy.types.Image] = {}
+    _change_images(scene, partial(_write_passes, scene.name, None if is_first else layer_name, render.layers[layer_name], unmade))
     frame_state.note_layer(scene, made, render.layers[layer_name], time.perf_counter() - start, is_first=is_first)
+    for note in frame_state.note_unmade(scene, unmade):
+        print(f"VIR: frame {scene.frame_current}, {layer_name}: {note}")
+
+
+def _write_passes(
+    scene_name: str, layer_name: str | None, passes: PassSet, unmade: dict[str, bpy.types.Image]
+) -> dict[str, bpy.types.Image]:
+    """Pass name -> image, of those that were made. unmade: gets what was filled for want of a pass"""
+    made = write_images(passes, pack=False, scene_name=scene_name, layer_name=layer_name)
+    unmade.update(fill_unmade(passes, scene_name, layer_name, pack=False))
+    return made
 
 
 def _change_images(scene: bpy.types.Scene, change: Callable[[], object]) -> None:

@@ -13,7 +13,7 @@ import bpy
 from ..core.errors import VirError
 from ..core.forecast import Forecast, make_forecast, predict_error
 from ..core.light_plan import PlannedPass
-from ..core.pass_set import PassSet, PassStatistics, SetStatistics
+from ..core.pass_set import REFLECTION_PASS_NAME, PassSet, PassStatistics, SetStatistics
 from .job import LayerJob
 from .stepped_render import SteppedRender, stop_all
 
@@ -152,6 +152,18 @@ def note_layer(scene: bpy.types.Scene, job: LayerJob, passes: PassSet, render_s:
     state.statistics[layer_name] = passes.statistics
     state.frame = job.snapshot.frame
     _note_time({layer_name: job}, {layer_name: passes}, render_s)
+
+
+def note_unmade(scene: bpy.types.Scene, filled: Mapping[str, bpy.types.Image]) -> list[str]:
+    """After `note_render` or `note_layer`. filled: of `images.fill_unmade`. Tells, and returns, of those that anything in the file uses."""
+    notes = [
+        f"{name} is not rendered in this frame: the pass is {'black' if name.startswith(REFLECTION_PASS_NAME) else 'white'}"
+        for name, image in filled.items()
+        if image.users > image.use_fake_user
+    ]
+    state = state_of(scene)
+    state.notes = tuple(dict.fromkeys((*state.notes, *notes)))
+    return notes
 
 
 def _note_time(jobs: Mapping[str, LayerJob], layers: Mapping[str, PassSet], render_s: float) -> None:

@@ -8,12 +8,14 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.pass_set import PassSet, layer_pass_names
+from ..core.pass_set import REFLECTION_PASS_NAME, PassSet, layer_pass_names
 
 PASS_PROPERTY = "vir_pass"
 """custom property with the pass's name; what marks an image as made here"""
 SCENE_PROPERTY = "vir_scene"
 """custom property with the name of the scene that the pass is of"""
+LAYER_PROPERTY = "vir_layer"
+"""custom property with the name of the view layer that the pass is of; empty for the first one, whose passes carry no layer's name"""
 
 MISSING_COLOR = (1.0, 0.0, 1.0)
 """what Blender shows where a texture is missing"""
@@ -30,7 +32,7 @@ def write_images(passes: PassSet, *, pack: bool = True, scene_name: str = "", la
     ("VIR Shadow Key (Foreground)"), here and in what is returned.
     """
     names = layer_pass_names(passes.images, layer_name)
-    return {names[name]: _write_image(names[name], scene_name, pixels, pack) for name, pixels in passes.images.items()}
+    return {names[name]: _write_image(names[name], scene_name, layer_name, pixels, pack) for name, pixels in passes.images.items()}
 
 
 def layer_images(passes_of_layers: Mapping[str, PassSet], scene_name: str, *, pack: bool = True) -> dict[str, bpy.types.Image]:
@@ -39,6 +41,20 @@ def layer_images(passes_of_layers: Mapping[str, PassSet], scene_name: str, *, pa
     for index, (layer_name, passes) in enumerate(passes_of_layers.items()):
         images.update(write_images(passes, pack=pack, scene_name=scene_name, layer_name=layer_name if index else None))
     return images
+
+
+def fill_unmade(passes: PassSet, scene_name: str, layer_name: str | None = None, *, pack: bool = True) -> dict[str, bpy.types.Image]:
+    """Fill the view layer's images of passes that are not among those made now, to be called after `write_images`: white, and reflections,
+    which are added, black. A light that is hidden, deleted or called otherwise in this frame must not show its shadow of another.
+    Returns what was filled, pass name -> image. Arguments as of `write_images`."""
+    made = set(layer_pass_names(passes.images, layer_name).values())
+    height, width = next(iter(passes.images.values())).shape[:2]
+    filled = {}
+    for pass_name, image in scene_images(scene_name).items():
+        if pass_name not in made and _layer_of(image) == (layer_name or ""):
+            value = 0.0 if pass_name.startswith(REFLECTION_PASS_NAME) else 1.0
+            filled[pass_name] = _write_image(pass_name, scene_name, layer_name, np.full((height, width), value, np.float32), pack)
+    return filled
 
 
 def find_image(pass_name: str, scene_name: str = "") -> bpy.types.Image | None:
@@ -75,10 +91,15 @@ def pack_unsaved(*_: Any) -> None:
             image.pack()
 
 
-def _write_image(pass_name: str, scene_name: str, pixels: np.ndarray, pack: bool) -> bpy.types.Image:
+def _layer_of(image: bpy.types.Image) -> str | None:
+    """None: not known. Files of before passes told their layer know it by the name alone."""
+    return image.get(LAYER_PROPERTY, None if image[PASS_PROPERTY].endswith(")") else "")
+
+
+def _write_image(pass_name: str, scene_name: str, layer_name: str | None, pixels: np.ndarray, pack: bool) -> bpy.types.Image:
     height, width = pixels.shape[:2]
     image = find_image(pass_name, scene_name) or _new_image(pass_name, width, height)
-    image[SCENE_PROPERTY] = scene_name
+    image[SCENE_PROPERTY], image[LAYER_PROPERTY] = scene_name, layer_name or ""
     if tuple(image.size) != (width, height):
         image.scale(width, height)
     rgba = np.ones((height, width, image.channels), dtype=np.float32)

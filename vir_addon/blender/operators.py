@@ -13,7 +13,7 @@ from ..core.plan import settings_for
 from . import devices, frame_state, report_file
 from .compositor import add_pass_nodes, has_pass_nodes
 from .frame_state import state_of
-from .images import layer_images, scene_images
+from .images import fill_unmade, layer_images, scene_images
 from .job import LayerJob, frame_jobs
 from .properties import settings_of
 from .render_depsgraph import is_evaluating
@@ -38,7 +38,11 @@ def finish_render(scene: bpy.types.Scene, render: SteppedRender, seconds: float,
     images = layer_images(render.layers, scene.name, pack=pack)
     if has_pass_nodes(scene):
         add_pass_nodes(scene, images)
+    unmade = {}
+    for index, (layer_name, passes) in enumerate(render.layers.items()):
+        unmade.update(fill_unmade(passes, scene.name, layer_name if index else None, pack=pack))
     frame_state.note_render(scene, render.jobs, render.layers, seconds)
+    frame_state.note_unmade(scene, unmade)
     return images
 
 
