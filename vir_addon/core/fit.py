@@ -57,7 +57,7 @@ class FittedFace:
     seen_by_view: np.ndarray
     """(view_count, n) bool: which view needs which"""
     has_receivers: np.ndarray
-    """(view_count,) bool: views which see a receiver that was known in this face"""
+    """(view_count,) bool: views which see a receiver that was known in this face; all of suns, and where no map is made and nobody asks"""
     nearest_caster_m: float
     """a lower bound of the depth of casters before any view; may be negative"""
 

@@ -556,7 +556,8 @@ def _as_it_casts(light: Light, planned: PlannedPass, scene_data: SceneData) -> L
 
 
 def _looked_up_views(fitted: FittedFace, selected: range) -> np.ndarray:
-    """`views_table` for looking up: windows of views that need no map, whatever others leave in it, are where no receiver is."""
+    """`views_table` for looking up: windows of views that need no map, whatever others leave in it, are where no receiver is: of those that
+    nothing casts before on one side, of those that know no receiver in this face on the other."""
     table, part = views_table(fitted.views, selected), slice(selected.start, selected.stop)
     table[1::2, 0][~fitted.seen_by_view[part].any(axis=1)] = LIT_WINDOW
     table[1::2, 0][~fitted.has_receivers[part]] = UNKNOWN_WINDOW
