@@ -55,9 +55,10 @@ def test_every_setting_of_the_core_can_be_set(registered):
     for name, value in chosen.items():
         setattr(registered.vir, name, value)
     wanted, default = properties.settings_of(registered), Settings()
-    # lights have a switch each instead of light_names; previews choose their batches; the device decides the hardware
-    # cubes of one size whatever they show, and fewer eye samples than rays, are for comparing with the papers
-    not_offered = {"light_names", "reflection_sample_count", "reflection_cube_px", "reflection_filter", "batch_view_count", "hardware"}
+    # lights have a switch each instead of light_names; previews choose their batches and textures; the device decides the hardware
+    not_offered = {"light_names", "reflection_sample_count", "batch_view_count", "visibility_texel_count", "hardware"}
+    # cubes of one size whatever they show, words of ivir's, and fewer eye samples than rays, are for comparing with the papers
+    not_offered |= {"reflection_cube_px", "reflection_words", "reflection_filter"}
     same = [field.name for field in dataclasses.fields(Settings) if getattr(wanted, field.name) == getattr(default, field.name)]
     assert set(same) == not_offered
 
