@@ -65,6 +65,12 @@ def slit(mesh):
     return apart
 
 
+def turned(mesh, axes):
+    """axes: (3, 3), orthonormal rows"""
+    centre = mesh.positions_os.mean(axis=0)
+    return dataclasses.replace(mesh, positions_os=((mesh.positions_os - centre) @ axes + centre).astype(np.float32))
+
+
 def without_a_face(mesh):
     return dataclasses.replace(mesh, triangles=mesh.triangles[:-1], is_closed=False)
 
@@ -102,7 +108,6 @@ NOT_SEALED = {
     "open": ([without_a_face(BOX)], {}),
     "slit": ([slit(BOX)], {}),
     "does not cast": ([BOX], {"casts_shadow": [False]}),
-    "the camera does not see it": ([BOX], {"visible_to_camera": [False]}),
     "the camera is inside": ([BOX], {"camera": INSIDE}),
     "the camera looks into it": ([BOX], {"camera": CUTTING}),
     "a cut-out": ([dataclasses.replace(BOX, opacity_map=OpacityMap("lace", np.zeros((2, 2), np.uint8), np.linspace(0, 1, 256)))], {}),
@@ -111,6 +116,46 @@ NOT_SEALED = {
     "beside it": ([joined(box("left", (-0.8, 0, 0.3), (0.3, 0.3, 0.3)), box("right", (0.8, 0, 0.3), (0.3, 0.3, 0.3)))], {}),
     "between two shells": ([joined(box("low", (0, 0, -0.2), (1, 1, 0.1)), box("high", (0, 0, 0.9), (1, 1, 0.1)))], {}),
 }
+
+
+SEES_ALL_BUT_THE_BOX = {"visible_to_camera": [False, True]}
+SLANTED = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
+BESIDE_THE_BOX = {
+    "on a floor": (BOX, floor(), CAMERA),
+    # the floor runs on below it along all of its axes
+    "slanted over a floor": (turned(BOX, SLANTED), floor(6.0, -0.5), CAMERA),
+    # in a corner of its box
+    "a ball by a ball": (bumpy_sphere("around", (0.0, 0.0, 0.3), 0.9, 32), bumpy_sphere("ball", (0.7, 0.7, 1.0), 0.2, 16), CAMERA),
+    "in a hollow": (BOX, bumpy_sphere("hollow", (0.0, 0.0, 0.0), 4.0, 64), CAMERA),
+    "the camera inside": (BOX, floor(), INSIDE),
+}
+
+
+@pytest.mark.parametrize("case", BESIDE_THE_BOX)
+def test_a_box_that_the_camera_does_not_see_closes_around_a_light_for_all_that_it_sees(case):
+    around, other, camera = BESIDE_THE_BOX[case]
+    assert sealed_by([around, other], LIGHTS["ball"], camera, **SEES_ALL_BUT_THE_BOX) == "around"
+    # what it is held against is scaled, mirrored and moved as an instance, too
+    matrix = np.diag([-2.0, 2.0, 2.0, 1.0]).astype(np.float32)
+    other = dataclasses.replace(other, positions_os=(other.positions_os @ np.linalg.inv(matrix[:3, :3]).T).astype(np.float32))
+    matrices = np.stack([np.eye(4, dtype=np.float32), matrix])
+    assert sealed_by([around, other], LIGHTS["ball"], camera, transforms=matrices, **SEES_ALL_BUT_THE_BOX) == "around"
+
+
+SEEN_IN_THE_BOX = {
+    "a lamp's socket": rectangle("within", (0.3, 0.1, 0.2), (0.05, 0, 0), (0, 0.05, 0)),
+    "a pole through its lid": box("pole", (0.3, 0.1, 1.0), (0.02, 0.02, 0.8)),
+    # none of its corners is near
+    "a floor through it": floor(6.0, 0.1),
+    "one beyond the box and one within": joined(floor(6.0, -2.0), bumpy_sphere("near", (0.3, 0.1, 0.2), 0.02, 8)),
+}
+
+
+@pytest.mark.parametrize("case", SEEN_IN_THE_BOX)
+def test_a_box_that_the_camera_does_not_see_leaves_light_to_what_it_sees_within(case):
+    around = turned(BOX, SLANTED) if case.startswith("a floor") else BOX
+    assert sealed_by([around, SEEN_IN_THE_BOX[case]], LIGHTS["point"], **SEES_ALL_BUT_THE_BOX) is None
+    assert sealed_by([around, SEEN_IN_THE_BOX[case]], LIGHTS["point"], visible_to_camera=[False, False]) == "around"
 
 
 @pytest.mark.parametrize("case", NOT_SEALED)

@@ -19,22 +19,26 @@ LIGHT_MARGIN = 1e-4
 """of a light's extent: what is nearer to it may touch it"""
 WINDOW_MARGIN = 0.1
 """of the camera's window: pixel filters reach beyond it"""
+TOUCHING = 1e-5
+"""of a box's size: what reaches into it by less stands beside it"""
 
 
 def sealing_object(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds) -> str | None:
-    """The name of an object that casts this light's shadow, closes around all of the light and has the camera outside; None if there is
-    none, or none that this can be told of: of open meshes, and of cut-outs, the maps tell."""
+    """The name of an object that casts this light's shadow, closes around all of the light and keeps it from what the camera sees: it has
+    the camera outside or, where the camera does not see it, all that the camera may see. None if there is none, or none that this can be
+    told of: of open meshes, and of cut-outs, the maps tell."""
     if light.shape is LightShape.SUN or not light.casts_shadow:
         return None
     instances, centre_ws = snapshot.instances, light.world_from_light[:3, 3]
     low_ws, high_ws = bounds.extents_ws
     is_around = ((low_ws < centre_ws[:, None]) & (high_ws > centre_ws[:, None])).all(axis=0)
-    candidates = np.flatnonzero(is_around & casts_for(snapshot, light) & instances.visible_to_camera)
+    candidates = np.flatnonzero(is_around & casts_for(snapshot, light))
     # what the eye sees through hides nothing of what is within
     candidates = candidates[[snapshot.meshes[mesh].opacity_map is None for mesh in instances.mesh_index[candidates]]]
-    is_before_eye = stand_apart(snapshot, bounds, _places_of_eye(snapshot.camera), candidates)
-    sealing = (index for index in candidates[is_before_eye] if _closes_around(snapshot, index, light))
-    found = next(sealing, None)
+    is_seen = instances.visible_to_camera[candidates]
+    has_eye_outside = stand_apart(snapshot, bounds, _places_of_eye(snapshot.camera), candidates)
+    candidates = candidates[has_eye_outside | ~is_seen]
+    found = next((index for index in candidates if _seals(snapshot, index, light, bounds)), None)
     return None if found is None else instances.object_names[instances.object_index[found]]
 
 
@@ -49,6 +53,41 @@ def _places_of_eye(camera: Camera) -> np.ndarray:
     else:
         corners = np.concatenate([corners * camera.clip_start_m, np.zeros((1, 3))])
     return corners @ camera.world_from_view[:3, :3].T + camera.world_from_view[:3, 3]
+
+
+def _seals(snapshot: SceneSnapshot, instance: np.int64, light: Light, bounds: SceneBounds) -> bool:
+    """instance: if the camera sees it, it has the camera outside"""
+    is_empty = snapshot.instances.visible_to_camera[instance] or not _what_is_seen_enters(snapshot, instance, bounds)
+    return is_empty and _closes_around(snapshot, instance, light)
+
+
+def _what_is_seen_enters(snapshot: SceneSnapshot, instance: np.int64, bounds: SceneBounds) -> bool:
+    """Whether anything that the camera may see comes into both an instance's box and the ball around its mesh."""
+    instances = snapshot.instances
+    mesh_index = instances.mesh_index[instance]
+    low, high = bounds.mesh_bounds_os[mesh_index]
+    half = (1 - TOUCHING) * (high - low) / 2
+    box_from_world = np.linalg.inv(instances.world_from_object[instance].astype(np.float64))
+    box_from_world[:3, 3] -= (low + high) / 2
+    seen = np.flatnonzero(instances.visible_to_camera)
+    corners = bounds.corners_ws[seen] @ box_from_world[:3, :3].T + box_from_world[:3, 3]
+    is_beside = ((corners > half).all(axis=1) | (corners < -half).all(axis=1)).any(axis=1)
+    if is_beside.all():
+        return False
+    radius = (1 - TOUCHING) * np.linalg.norm(snapshot.meshes[mesh_index].positions_os - (low + high) / 2, axis=1).max()
+    return any(_enters(snapshot, other, box_from_world, half, radius) for other in seen[~is_beside])
+
+
+def _enters(snapshot: SceneSnapshot, instance: np.int64, box_from_world: np.ndarray, half: np.ndarray, radius: float) -> bool:
+    """Whether an instance's triangles may come into both the box between -half and half, (3,), and a ball around its middle: none does
+    where each has the box beside it or on one side of its plane, or keeps away from the middle."""
+    mesh = snapshot.meshes[snapshot.instances.mesh_index[instance]]
+    box_from_object = box_from_world @ snapshot.instances.world_from_object[instance].astype(np.float64)
+    positions = mesh.positions_os @ box_from_object[:3, :3].T + box_from_object[:3, 3]
+    a, b, c = np.moveaxis(positions[mesh.triangles[_near(positions, mesh.triangles, np.zeros(3), half)]], 1, 0)
+    normal = np.cross(b - a, c - a)
+    crosses_box = np.abs((normal * a).sum(axis=1)) <= np.abs(normal) @ half
+    return bool((crosses_box & (distances_to_origin(a, b, c) <= radius)).any())
 
 
 def _closes_around(snapshot: SceneSnapshot, instance: np.int64, light: Light) -> bool:
