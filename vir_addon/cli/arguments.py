@@ -122,18 +122,19 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+    _add_input_arguments(parser)
+    _add_shadow_arguments(parser)
+    _add_reflection_arguments(parser)
+
+
+def _add_input_arguments(parser: argparse.ArgumentParser) -> None:
     defaults = Settings()
-    parser.add_argument(
-        "--device",
-        choices=("moderngl", "gpu"),
-        default="moderngl",
-        help="what renders: OpenGL by moderngl (default) or Blender's gpu module",
-    )
     parser.add_argument("scene", type=parse_path, metavar="SCENE.blend")
     parser.add_argument("--scene-name", metavar="NAME", help="which scene of the file; default: the one that was open when it was saved")
     parser.add_argument(
         "--frames", type=parse_frames, metavar="1-24", help="frames, e.g. 1-24, 1-24:2 or 3,7; default: the file's current frame"
     )
+    parser.add_argument("--resolution", type=parse_resolution, metavar="960x540", help="of the picture; default: the scene's")
     parser.add_argument(
         "--effects",
         type=parse_effects,
@@ -143,55 +144,65 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--lights", type=parse_names, metavar="Key,Fill", help="only these lights; default: all")
     parser.add_argument(
+        "--device",
+        choices=("moderngl", "gpu"),
+        default="moderngl",
+        help="what renders: OpenGL by moderngl (default) or Blender's gpu module",
+    )
+
+
+def _add_shadow_arguments(parser: argparse.ArgumentParser) -> None:
+    defaults, group = Settings(), parser.add_argument_group("shadows")
+    group.add_argument(
         "--method",
         type=partial(_parse_choice, Method),
         default=defaults.method,
         metavar="|".join(method.value for method in Method),
         help="how depth maps are made; auto (default) picks the cheaper",
     )
-    parser.add_argument(
+    group.add_argument(
         "--points",
         type=partial(_parse_choice, PointStorage),
         default=defaults.points,
         metavar="buffered|bufferless",
         help="whether ivir, hybrid, vwss and epr keep their points between batches (default) or make them anew; others have no choice",
     )
-    parser.add_argument(
+    group.add_argument(
         "--point-generation",
         type=partial(_parse_choice, PointGeneration),
         default=defaults.point_generation,
         metavar="compute|rasterizer",
         help="what makes the points of ivir: kernels (default) or, as published, geometry shader and rasterizer (device moderngl only)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--culling-area",
         type=float,
         metavar="TEXELS",
         help="ivir, hybrid and the points of epr cull smaller triangles at random; at most 1: 0.1 (default) as published, 0.125 as in the "
         "preprint, 0 none",
     )
-    parser.add_argument(
+    group.add_argument(
         "--views",
         type=int,
         default=defaults.view_count,
         metavar="N",
         help=f"light samples of each light with a size; default {defaults.view_count}; pcss has one map whatever this says",
     )
-    parser.add_argument(
+    group.add_argument(
         "--pcss-samples",
         type=parse_sample_counts,
         metavar="N+M",
         help="of pcss: samples that search for blockers and samples of the filter, a look-up; default "
         f"{defaults.blocker_sample_count}+{defaults.filter_sample_count}",
     )
-    parser.add_argument(
+    group.add_argument(
         "--map-resolution",
         type=int,
         default=defaults.map_resolution_px,
         metavar="PX",
         help=f"width and height of depth maps; default {defaults.map_resolution_px}",
     )
-    parser.add_argument(
+    group.add_argument(
         "--resolve",
         type=partial(_parse_choice, Resolve),
         default=defaults.resolve,
@@ -199,21 +210,25 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help="adaptive only probes what 16 samples find wholly lit or dark: faster on a software rasterizer, error below 0.002; full looks "
         "everything up: faster on a GPU; default: auto",
     )
-    parser.add_argument(
+
+
+def _add_reflection_arguments(parser: argparse.ArgumentParser) -> None:
+    defaults, group = Settings(), parser.add_argument_group("reflections")
+    group.add_argument(
         "--bounces",
         type=int,
         default=defaults.bounces,
         metavar="N",
         help="how often light is followed from reflector to reflector; default: 2 where there are several, otherwise 1",
     )
-    parser.add_argument(
+    group.add_argument(
         "--reflection-samples",
         type=int,
         metavar="N",
         help=f"rays of every pixel that shows a reflector; default {defaults.reflection_sample_count}, {POISSON_SAMPLES} where one eye "
         "sample serves all",
     )
-    parser.add_argument(
+    group.add_argument(
         "--reflection-filter",
         type=partial(_parse_choice, ReflectionFilter),
         default=defaults.reflection_filter,
@@ -221,40 +236,15 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help="rays from an eye sample each (default); or as published all from one, by its normal's gradient, in a Poisson-disc pattern, "
         f"{RECURSIVE_SAMPLES} of which go on to further bounces; adaptive: {ADAPTIVE_STEP} at a time until their variance declines no more",
     )
-    parser.add_argument("--per-reflector", action="store_true", help="a pair of reflection passes of each reflecting object besides")
-    parser.add_argument(
-        "--reflection-map-mib",
-        type=int,
-        default=defaults.reflection_map_mib,
-        metavar="MIB",
-        help=f"memory for the maps of all reflectors, which get smaller where it is too little; default {defaults.reflection_map_mib}",
-    )
-    parser.add_argument(
+    group.add_argument("--per-reflector", action="store_true", help="a pair of reflection passes of each reflecting object besides")
+    group.add_argument(
         "--reflection-method",
         type=partial(_parse_choice, ReflectionMethod),
         default=defaults.reflection_method,
         metavar="|".join(method.value for method in ReflectionMethod),
         help="how reflectors' cubes are made: each by the rasterizer (mvr), or from one cloud (ivir, epr); default: the quicker for each",
     )
-    parser.add_argument(
-        "--reflection-cube",
-        type=int,
-        metavar="PX",
-        help="side of a face of reflectors' cubes, the same for all, as the papers' baseline has it: 512 in a picture 1920 wide; default: "
-        "as wide as each is in the picture",
-    )
-    parser.add_argument(
-        "--no-planar",
-        action="store_true",
-        help="cubes for flat reflectors too, which otherwise have the mirrored eye's view with any method: what the papers compare with",
-    )
-    parser.add_argument(
-        "--points-per-eye-pixel",
-        type=float,
-        metavar="N",
-        help=f"samples of an eye's pixel in cubes made with epr; default {defaults.points_per_eye_pixel:g}",
-    )
-    parser.add_argument(
+    group.add_argument(
         "--reflection-look-up",
         type=partial(_parse_choice, ReflectionLookUp),
         default=defaults.reflection_look_up,
@@ -262,7 +252,7 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help="follow rays through the depths of reflectors' maps (default), or look them up by direction as published: things slide; "
         "shaded: the same in cubes that are shaded whole and mip-mapped, the papers' baseline",
     )
-    parser.add_argument(
+    group.add_argument(
         "--reflection-words",
         type=partial(_parse_choice, ReflectionWords),
         default=defaults.reflection_words,
@@ -270,7 +260,31 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help="what ivir writes into shaded cubes: numbers of triangles, from which texels are shaded (default), or as published points' "
         "own colours, packed with their depths into 32 bits, or 32 bits of each (wide)",
     )
-    parser.add_argument("--resolution", type=parse_resolution, metavar="960x540", help="of the picture; default: the scene's")
+    group.add_argument(
+        "--reflection-cube",
+        type=int,
+        metavar="PX",
+        help="side of a face of reflectors' cubes, the same for all, as the papers' baseline has it: 512 in a picture 1920 wide; default: "
+        "as wide as each is in the picture",
+    )
+    group.add_argument(
+        "--reflection-map-mib",
+        type=int,
+        default=defaults.reflection_map_mib,
+        metavar="MIB",
+        help=f"memory for the maps of all reflectors, which get smaller where it is too little; default {defaults.reflection_map_mib}",
+    )
+    group.add_argument(
+        "--points-per-eye-pixel",
+        type=float,
+        metavar="N",
+        help=f"samples of an eye's pixel in cubes made with epr; default {defaults.points_per_eye_pixel:g}",
+    )
+    group.add_argument(
+        "--no-planar",
+        action="store_true",
+        help="cubes for flat reflectors too, which otherwise have the mirrored eye's view with any method: what the papers compare with",
+    )
 
 
 def _refuse_options_of_reflections(arguments: argparse.Namespace) -> None:
