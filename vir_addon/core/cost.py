@@ -6,6 +6,7 @@ asked for is dear, so `auto` does not choose there what it would on a software r
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -327,78 +328,124 @@ def estimate_methods(
     batch_count: times that the views are taken in turn; what does not fit into its memory is made again for each, and all of it if nothing
     is_replayed.
     """
-    rates = RATES[settings.hardware]
     estimates = _estimate_casters(snapshot, light, bounds, faces)
-    triangles = float(estimates.triangle_count.sum())
-    texels = len(faces) * float(settings.map_resolution_px) ** 2
-    draws = _draw_count(estimates.mesh_index[estimates.triangle_count > 0])
-    covered = min(float((estimates.triangle_count * estimates.facing * estimates.texel_area).sum()), MAX_LAYERS * texels)
-    raster_ns = view_count * (triangles * rates.raster_triangle + draws * rates.raster_draw + texels * rates.raster_texel)
+    work = _MapWork(settings, RATES[settings.hardware], estimates, len(faces), view_count, batch_count, is_replayed)
+    everything = np.ones(len(estimates.triangle_count), bool)
+    becomes_points = work.point_counts <= settings.small_triangle_points
+    nanoseconds = {
+        Method.MVR: work.raster_ns(),
+        Method.MICRO: work.micro_ns(),
+        Method.IVIR: work.points_ns(everything),
+        Method.HYBRID: work.points_ns(becomes_points) + view_count * work.left_to_rasterizer_ns(work.facing * ~becomes_points),
+        Method.VIR: work.points_ns(everything, GLOBAL_RATE_SHARE),
+        Method.VWSS: work.points_ns(everything, keeps_part=False),
+        Method.EPR: work.splatted_triangles_ns(),
+        Method.PCSS: work.raster_ns(),
+    }
+    cut_out_ns = view_count * _cut_out_ns_a_view(estimates, work.texels, work.rates)
+    return {method: (ns + cut_out_ns) * 1e-6 for method, ns in nanoseconds.items()}
 
-    facing = estimates.triangle_count * estimates.facing
-    small = float((facing * estimates.small_share).sum())
 
-    def rasterized_ns(counts: np.ndarray) -> float:
-        """A view of the (caster_count,) triangles that micro and hybrid leave to the rasterizer."""
+@dataclass(frozen=True)
+class _MapWork:
+    """All maps of a light, in nanoseconds by the way they are made."""
+
+    settings: Settings
+    rates: Rates
+    estimates: _CasterEstimates
+    face_count: int
+    view_count: int
+    batch_count: int
+    is_replayed: bool
+    """False: everything is made again for every batch"""
+
+    @functools.cached_property
+    def triangles(self) -> float:
+        return float(self.estimates.triangle_count.sum())
+
+    @functools.cached_property
+    def texels(self) -> float:
+        """of a view"""
+        return self.face_count * float(self.settings.map_resolution_px) ** 2
+
+    @functools.cached_property
+    def covered_texels(self) -> float:
+        return min(float((self.facing * self.estimates.texel_area).sum()), MAX_LAYERS * self.texels)
+
+    @functools.cached_property
+    def facing(self) -> np.ndarray:
+        """(caster_count,) triangles that face the light"""
+        return self.estimates.triangle_count * self.estimates.facing
+
+    @functools.cached_property
+    def point_counts(self) -> np.ndarray:
+        """(caster_count,) points of a triangle"""
+        return _point_counts(self.estimates, self.settings, self.texels)
+
+    @property
+    def budget_bytes(self) -> int:
+        return self.settings.replay_buffer_mib << 20
+
+    def raster_ns(self) -> float:
+        draws = _draw_count(self.estimates.mesh_index[self.estimates.triangle_count > 0])
+        rates = self.rates
+        return self.view_count * (self.triangles * rates.raster_triangle + draws * rates.raster_draw + self.texels * rates.raster_texel)
+
+    def micro_ns(self) -> float:
+        estimates, rates = self.estimates, self.rates
+        small = float((self.facing * estimates.small_share).sum())
+        gatherings = 1 if self.is_replayed and small * MICRO_BYTES_PER_TRIANGLE <= self.budget_bytes else self.batch_count
+        small_texels = float((self.facing * estimates.texel_area * estimates.small_area_share).sum())
+        return gatherings * self.triangles * rates.gather_triangle + self.view_count * (
+            small * rates.small_triangle
+            + min(small_texels, self.covered_texels) * rates.small_texel
+            + self.texels * rates.clear_texel
+            + self.left_to_rasterizer_ns(self.facing * (1 - estimates.small_share))
+        )
+
+    def left_to_rasterizer_ns(self, counts: np.ndarray) -> float:
+        """A view of the (caster_count,) triangles that are too large for points, or for kernels."""
         drawn = counts >= 1
         if not drawn.any():
             return 0.0
-        draws_ns = max(len(faces), NEW_DRAW_SHARE * int(drawn.sum())) * rates.raster_draw
-        return float(counts.sum()) * rates.raster_triangle + draws_ns + texels * rates.raster_texel
+        draws_ns = max(self.face_count, NEW_DRAW_SHARE * int(drawn.sum())) * self.rates.raster_draw
+        return float(counts.sum()) * self.rates.raster_triangle + draws_ns + self.texels * self.rates.raster_texel
 
-    budget_bytes = settings.replay_buffer_mib << 20
-    gatherings = 1 if is_replayed and small * MICRO_BYTES_PER_TRIANGLE <= budget_bytes else batch_count
-    micro_ns = gatherings * triangles * rates.gather_triangle + view_count * (
-        small * rates.small_triangle
-        + min(float((facing * estimates.texel_area * estimates.small_area_share).sum()), covered) * rates.small_texel
-        + texels * rates.clear_texel
-        + rasterized_ns(facing * (1 - estimates.small_share))
-    )
+    def points_ns(self, becomes_points: np.ndarray, share: float = 1.0, *, keeps_part: bool = True) -> float:
+        """becomes_points: (caster_count,) bool; share: of the points that `ivir` would make. keeps_part: of points that do not all fit into
+        their memory those that do stay there"""
+        settings, rates = self.settings, self.rates
+        batch_views = min(math.ceil(self.view_count / self.batch_count), MAX_BATCH_VIEWS)
+        is_cached = batch_views * BYTES_PER_TEXEL * settings.map_resolution_px**2 <= CACHED_BYTES
+        splat_point = rates.splat_cached_point if is_cached else rates.splat_point
+        points = share * float((self.facing * self.point_counts)[becomes_points].sum())
+        walk_ns = self.triangles * rates.generate_triangle + points * rates.generate_point
+        if settings.point_generation is PointGeneration.RASTERIZER:
+            walk_ns += float(self.facing[becomes_points].sum()) * rates.lattice_triangle + points * rates.lattice_point
+        replay_ns = self.view_count * (points * splat_point + self.texels * rates.clear_texel)
+        return self._walk_count(points, keeps_part) * walk_ns + replay_ns
 
-    point_counts = _point_counts(estimates, settings, texels)
-    batch_views = min(math.ceil(view_count / batch_count), MAX_BATCH_VIEWS)
-    is_cached = batch_views * BYTES_PER_TEXEL * settings.map_resolution_px**2 <= CACHED_BYTES
-    splat_point = rates.splat_cached_point if is_cached else rates.splat_point
-
-    def walk_count(points: float, keeps_part: bool) -> float:
+    def _walk_count(self, points: float, keeps_part: bool) -> float:
         """Over all triangles."""
-        if not is_replayed or settings.points is not PointStorage.BUFFERED:
-            return batch_count
-        room = budget_bytes / max(points * POINT_BYTES, 1)
+        if not self._keeps_points:
+            return self.batch_count
+        room = self.budget_bytes / max(points * POINT_BYTES, 1)
         if room >= 1 or not keeps_part:
-            return 1 if room >= 1 else batch_count
+            return 1 if room >= 1 else self.batch_count
         # that there is no room is found out by one; then those that have some are kept, and each batch makes the others. Of faces that
         # take turns with the memory each batch makes all, which is not told apart
-        return 1 + room + (1 - room) * batch_count
+        return 1 + room + (1 - room) * self.batch_count
 
-    def points_ns(becomes_points: np.ndarray, share: float = 1.0, *, keeps_part: bool = True) -> float:
-        points = share * float((facing * point_counts)[becomes_points].sum())
-        generations = walk_count(points, keeps_part)
-        walk_ns = triangles * rates.generate_triangle + points * rates.generate_point
-        if settings.point_generation is PointGeneration.RASTERIZER:
-            walk_ns += float(facing[becomes_points].sum()) * rates.lattice_triangle + points * rates.lattice_point
-        return generations * walk_ns + view_count * (points * splat_point + texels * rates.clear_texel)
+    def splatted_triangles_ns(self) -> float:
+        """Of `epr`: its splats cover texels as triangles of `micro` do, and what is large is cut into few."""
+        rates = self.rates
+        walks = 1 if self._keeps_points else self.batch_count
+        splats_ns = float(self.facing.sum()) * rates.small_triangle + self.covered_texels * rates.small_texel
+        return walks * self.triangles * rates.generate_triangle + self.view_count * (splats_ns + self.texels * rates.clear_texel)
 
-    few_points = point_counts <= settings.small_triangle_points
-    hybrid_ns = points_ns(few_points) + view_count * rasterized_ns(facing * ~few_points)
-    everything = np.ones_like(few_points)
-    # splats cover texels as micro's triangles do, and what is large is cut into few
-    walks = 1 if is_replayed and settings.points is PointStorage.BUFFERED else batch_count
-    epr_ns = walks * triangles * rates.generate_triangle + view_count * (
-        float(facing.sum()) * rates.small_triangle + covered * rates.small_texel + texels * rates.clear_texel
-    )
-    nanoseconds = {
-        Method.MVR: raster_ns,
-        Method.MICRO: micro_ns,
-        Method.IVIR: points_ns(everything),
-        Method.HYBRID: hybrid_ns,
-        Method.VIR: points_ns(everything, GLOBAL_RATE_SHARE),
-        Method.VWSS: points_ns(everything, keeps_part=False),
-        Method.EPR: epr_ns,
-        Method.PCSS: raster_ns,
-    }
-    cut_out_ns = view_count * _cut_out_ns_a_view(estimates, texels, rates)
-    return {method: (ns + cut_out_ns) * 1e-6 for method, ns in nanoseconds.items()}
+    @property
+    def _keeps_points(self) -> bool:
+        return self.is_replayed and self.settings.points is PointStorage.BUFFERED
 
 
 def _draw_count(mesh_index: np.ndarray) -> float:
