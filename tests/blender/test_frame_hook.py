@@ -83,6 +83,21 @@ def test_an_animation_has_each_frames_passes(animated, tmp_path):
     assert np.abs(frames[0] - frames[2]).max() > 0.5
 
 
+def test_a_frame_larger_than_textures_is_told_in_a_sentence(animated, capsys):
+    compose(animated)
+    animated.vir.use_on_render = True
+    # Blender's own engines have limits too
+    device = devices.get_device("moderngl")
+    device.max_texture_size_px, kept = WIDTH, device.max_texture_size_px
+    try:
+        bpy.ops.render.render()
+    finally:
+        device.max_texture_size_px = kept
+    assert tuple(scene_images(animated.name)[PASS].pixels[:3]) == MISSING_COLOR
+    told = f"the picture is {WIDTH} x {HEIGHT} px"
+    assert frame_state.state_of(animated).problem.startswith(told) and f"VIR: frame 1, ViewLayer: {told}" in capsys.readouterr().out
+
+
 def test_frames_without_a_light_do_not_show_its_shadow_of_another(animated, add, tmp_path, capsys):
     add.light("Lamp", "POINT", data={"energy": 500.0}, location=(-2.0, -1.0, 6.0))
     key = bpy.data.objects["Key"]

@@ -202,6 +202,19 @@ def test_filling_what_was_not_rendered_leaves_others_images_alone(room):
     assert len(kept) > 6 and not any("Lamp" in note for note in frame_state.state_of(room).notes), "nothing uses it"
 
 
+@pytest.mark.parametrize("beyond_px", [4000, -1])
+def test_a_picture_larger_than_textures_is_refused_in_a_sentence_before_any_work(room, monkeypatch, beyond_px):
+    width_px = devices.get_device("moderngl").max_texture_size_px + beyond_px
+    monkeypatch.setattr("vir_addon.blender.stepped_render.render", None)
+    room.render.resolution_x = width_px
+    for operator in (bpy.ops.vir.plan, bpy.ops.vir.render):
+        refuse(operator, f"the picture is {width_px} x 27 px.*lower resolution")
+        assert "lower resolution" in frame_state.state_of(room).problem and frame_state.state_of(room).running is None
+    monkeypatch.undo()
+    room.render.resolution_x = 48
+    assert bpy.ops.vir.render() == {"FINISHED"} and not frame_state.state_of(room).problem
+
+
 def test_the_report_is_one_whole_page(room):
     bpy.ops.vir.render()
     assert bpy.ops.vir.open_report() == {"FINISHED"}

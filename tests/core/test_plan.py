@@ -10,6 +10,8 @@ from tests.scenes import (
     box,
     bumpy_sphere,
     floor,
+    matte,
+    mirror,
     perspective_camera,
     point_light,
     prepared_renderer,
@@ -27,8 +29,8 @@ from vir_addon.core.light_plan import AUTO_METHODS
 from vir_addon.core.passes import eye
 from vir_addon.core.plan import plan, settings_for
 from vir_addon.core.render import render
-from vir_addon.core.scene import Mesh
-from vir_addon.core.settings import Hardware, Method, PointGeneration, PointStorage, Settings
+from vir_addon.core.scene import Mesh, World
+from vir_addon.core.settings import Effect, Hardware, Method, PointGeneration, PointStorage, Settings
 
 WIDTH, HEIGHT = 48, 27
 
@@ -314,6 +316,31 @@ def test_maps_larger_than_the_device_allows_are_refused_with_the_largest_that_wo
     monkeypatch.undo()
     monkeypatch.setattr(device, "max_texture_size_px", 4096)
     assert "VIR Shadow Key" in render_passes(scene, device, map_resolution_px=512, view_count=64)
+
+
+@pytest.mark.parametrize("size", [(300, 20), (20, 300)])
+@pytest.mark.parametrize("effects", [(Effect.SHADOW,), (Effect.REFLECTION,)])
+def test_pictures_larger_than_the_device_allows_are_refused_with_the_largest_that_work(device, monkeypatch, size, effects):
+    camera = perspective_camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.3), *size)
+    meshes = [floor(4.0), box("box", (0, 0, 0.5), (0.5, 0.5, 0.5))]
+    scene = snapshot(meshes, [area_light()], camera, *size, materials=[matte(), mirror()], world=World())
+    arguments = {"effects": effects, "view_count": 8, "map_resolution_px": 32, "reflection_sample_count": 4}
+    limit_px = max(plan(scene, Settings(**arguments)).visibility_px)
+    assert limit_px > 300, "margins"
+    monkeypatch.setattr(device, "max_texture_size_px", limit_px - 1)
+    with monkeypatch.context() as patched:
+        patched.setattr(device, "create_texture", None)
+        with pytest.raises(UsageError, match=rf"{size[0]} x {size[1]} px, .* 299 px in width.*lower resolution.*region that crops"):
+            render_passes(scene, device, **arguments)
+    monkeypatch.setattr(device, "max_texture_size_px", limit_px)
+    for image in render_passes(scene, device, **arguments).values():
+        assert image.shape[1::-1] == size and np.ptp(image) > 0
+
+
+def test_a_picture_of_any_size_that_needs_nothing_is_not_refused(device, monkeypatch):
+    scene = scene_with(area_light(casts_shadow=False))
+    monkeypatch.setattr(device, "max_texture_size_px", 16)
+    assert render_passes(scene, device)["VIR Shadow Key"].min() == 1.0
 
 
 OUT_OF_RANGE = [

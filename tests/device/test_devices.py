@@ -90,6 +90,16 @@ def test_an_array_that_fits_no_texture_is_refused(device, monkeypatch):
         device.upload_array(np.zeros((LINEAR_TEXTURE_WIDTH + 1, 4), np.float32))
 
 
+@pytest.mark.parametrize("texture_format", [TextureFormat.RGBA32F, TextureFormat.RG32UI])
+def test_a_texture_that_there_is_no_memory_for_is_refused(device, texture_format):
+    if not device.is_software:
+        pytest.skip("a GPU may have the memory, and takes it of others")
+    side = device.max_texture_size_px
+    with pytest.raises(DeviceError, match=f"no memory for a texture of {side} x {side} texels .* lower resolution"):
+        device.create_texture(side, side, texture_format)
+    assert device.read(device.upload_texture(np.ones((2, 3, 4), np.float32))).sum() == 24
+
+
 @pytest.mark.parametrize("invocation_count", [1, 4 * MAX_GROUPS_PER_ROW, 4 * 65536 + 3])
 def test_a_dispatch_larger_than_one_dimension_reaches_every_number_once(device, invocation_count):
     height = -(-invocation_count // LINEAR_TEXTURE_WIDTH)

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ..core.errors import SceneError, UsageError, VirError
-from ..core.plan import settings_for
+from ..core.plan import check_device, settings_for
 from . import devices, frame_state, report_file
 from .compositor import add_pass_nodes, has_pass_nodes
 from .frame_state import state_of
@@ -30,6 +30,8 @@ def plan_frame(scene: bpy.types.Scene) -> dict[str, LayerJob]:
     device = devices.get_device(devices.device_name(scene.vir.device))
     jobs = frame_jobs(scene, None, settings_for(device, settings_of(scene)))
     frame_state.note_plan(scene, jobs)
+    for job in jobs.values():
+        check_device(job.plan, device)
     return jobs
 
 

@@ -26,8 +26,10 @@ from .light_plan import (
     reflected_light_job,
 )
 from .pass_set import unique_pass_names
+from .passes.eye import least_visibility_size
 from .reflections.reflectors import PlannedReflections, choose_reflectors
 from .reflections.rounds import ReflectionRounds, least_ray_batches, plan_rounds
+from .sampling import pixel_offsets
 from .scene import Light, SceneSnapshot, has_same_picture
 from .settings import Effect, Hardware, Method, PointGeneration, ReflectionFilter, Settings
 
@@ -53,6 +55,10 @@ class RenderPlan:
     """of these, those that anti-aliasing takes: reflections may have more"""
     most_edge_samples: int
     """as many were asked for; batches may have no room for all of them, or have few views"""
+    picture_px: tuple[int, int]
+    """width and height"""
+    visibility_px: tuple[int, int]
+    """of the largest texture that the picture calls for (`least_visibility_size`)"""
     notes: tuple[str, ...] = ()
     """what the user should know, the snapshot's notes included"""
     predicted_ms: float = 0.0
@@ -60,6 +66,12 @@ class RenderPlan:
     """None: not asked for"""
     reflected_lights: tuple[PlannedPass, ...] = ()
     """what lights surfaces that are seen in reflectors, shadows of all of the scene included; none where nothing reflects"""
+
+    @property
+    def needs_eye(self) -> bool:
+        """Whether anything depends on what pixels see: constant passes of value 1 are the same on surfaces and background."""
+        reflects = self.reflections is not None and self.reflections.runs
+        return reflects or any(planned.runs or planned.surface_value != 1 for planned in self.passes)
 
     @property
     def is_combined(self) -> bool:
@@ -158,6 +170,7 @@ def plan(
     # as if each light had two sets of maps: whether one serves both is known when surfaces are
     lights_ms = sum(planned.predicted_ms for planned in [*passes, *reflected_lights])
     eye_ms = cost.eye_ms(snapshot, settings, eye_sample_count)
+    picture_px = snapshot.width_px, snapshot.height_px
     reflections_ms = reflections.predicted_ms if reflections is not None else 0.0
     return RenderPlan(
         settings=settings,
@@ -168,6 +181,8 @@ def plan(
         eye_sample_count=eye_sample_count,
         edge_sample_count=min(eye_sample_count, most_edge_samples),
         most_edge_samples=most_edge_samples,
+        picture_px=picture_px,
+        visibility_px=least_visibility_size(picture_px, pixel_offsets(snapshot.pixel_filter, eye_sample_count)),
         notes=tuple(notes),
         predicted_ms=lights_ms + eye_ms + reflections_ms,
         reflections=reflections,
@@ -187,7 +202,8 @@ def settings_for(device: Device, settings: Settings) -> Settings:
 
 
 def check_device(render_plan: RenderPlan, device: Device) -> None:
-    """UsageError when the device lacks what a planned method needs; to be asked before any work is done."""
+    """UsageError when the device lacks what a planned method or the picture's size needs; to be asked before any work is done."""
+    _check_picture_size(render_plan, device)
     running = [*(planned for planned in render_plan.passes if planned.runs), *render_plan.reflected_lights]
     if not device.stores_from_fragments and any(planned.method is Method.VWSS for planned in running):
         raise UsageError(
@@ -216,6 +232,18 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
             f"a batch of maps of {resolution_px} px is {height_px} px high, and the device's largest texture {limit_px} px: "
             f"choose a map resolution of {fitting_px} or less"
         )
+
+
+def _check_picture_size(render_plan: RenderPlan, device: Device) -> None:
+    limit_px = device.max_texture_size_px
+    if not render_plan.needs_eye or max(render_plan.visibility_px) <= limit_px:
+        return
+    width_px, height_px = render_plan.picture_px
+    margin_px = max(render_plan.visibility_px) - max(width_px, height_px)
+    raise UsageError(
+        f"the picture is {width_px} x {height_px} px, and the device can do {limit_px - margin_px} px in width and height, its largest "
+        "texture less the pixel filter's margins: choose a lower resolution, or render parts with a render region that crops"
+    )
 
 
 def _only_reflects(has_passes: bool, reflections: PlannedReflections | None) -> bool:

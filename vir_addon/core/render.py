@@ -246,11 +246,6 @@ class Renderer:
         # there may be no memory for more
         return replace(found, bounces=min(found.bounces, self.plan.reflections.bounces))
 
-    @property
-    def needs_eye(self) -> bool:
-        """Constant passes of value 1 are the same on surfaces and background."""
-        return self.reflects or any(planned.runs or planned.surface_value != 1 for planned in self.plan.passes)
-
     def prepare(self) -> None:
         run_steps(self.preparing())
 
@@ -259,7 +254,7 @@ class Renderer:
         for planned in self.plan.passes:
             if not planned.runs:
                 self.statistics.passes.append(PassStatistics(planned.pass_name, planned.light_name, "none", planned.reason))
-        if not self.needs_eye:
+        if not self.plan.needs_eye:
             return
         if self.scene_data is None:
             meshes = self.snapshot.meshes

@@ -57,7 +57,10 @@ class BlenderTexture(Texture):
         gpu = device.gpu
         # the Buffer looks into the array; creation copies, so neither has to outlive this call
         data = None if texels is None else gpu.types.Buffer("FLOAT", texels.size, texels.ravel())
-        self.handle = gpu.types.GPUTexture((width, height), format=FORMAT_NAMES.get(texture_format, texture_format.value), data=data)
+        try:
+            self.handle = gpu.types.GPUTexture((width, height), format=FORMAT_NAMES.get(texture_format, texture_format.value), data=data)
+        except RuntimeError as error:
+            raise DeviceError(self.no_memory()) from error
 
     def release(self) -> None:
         # Blender frees a GPU object with its last Python reference

@@ -68,6 +68,13 @@ class Texture(abc.ABC):
     def byte_count(self) -> int:
         return 4 * self.format.channel_count * self.width * self.height
 
+    def no_memory(self) -> str:
+        """Of a DeviceError when it cannot be made."""
+        return (
+            f"the device has no memory for a texture of {self.width} x {self.height} texels ({self.byte_count >> 20} MiB): "
+            "choose a lower resolution, or where maps are as large, smaller maps"
+        )
+
 
 class DeviceMesh(abc.ABC):
     triangle_count: int

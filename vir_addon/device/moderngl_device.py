@@ -71,6 +71,10 @@ class ModernglTexture(Texture):
                 (width, height), texture_format.channel_count, texels, dtype="u4" if texture_format.is_unsigned else "f4"
             )
             self.handle.filter = (device.moderngl.NEAREST, device.moderngl.NEAREST)
+        # drivers have limits below that of the sides, and go on without the texture
+        if context.error == "GL_OUT_OF_MEMORY":
+            self.handle.release()
+            raise DeviceError(self.no_memory())
 
     def release(self) -> None:
         # once only: memory kept twice would be handed to two owners

@@ -333,6 +333,11 @@ def visibility_samples_per_px(offsets_px: np.ndarray, size: tuple[int, int], tex
     return 1
 
 
+def least_visibility_size(size: tuple[int, int], offsets_px: np.ndarray) -> tuple[int, int]:
+    """Width and height of the largest texture that a picture of this size takes, with one visibility sample a pixel."""
+    return _visibility_size(size, _margin_px(offsets_px), 1)
+
+
 def _margin_px(offsets_px: np.ndarray) -> int:
     return math.ceil(np.abs(offsets_px).max()) + 1
 
