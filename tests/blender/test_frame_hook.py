@@ -63,12 +63,17 @@ def rendered(tmp_path, frame):
     return channels["R"].pixels[::-1]
 
 
+def pixels_of(scene):
+    """(height, width) of its pass"""
+    pixels = np.empty(WIDTH * HEIGHT * 4, np.float32)
+    scene_images(scene.name_full)[PASS].pixels.foreach_get(pixels)
+    return pixels.reshape(HEIGHT, WIDTH, 4)[..., 0]
+
+
 def by_button(scene, frame):
     scene.frame_set(frame)
     bpy.ops.vir.render()
-    pixels = np.empty(WIDTH * HEIGHT * 4, np.float32)
-    scene_images(scene.name)[PASS].pixels.foreach_get(pixels)
-    return pixels.reshape(HEIGHT, WIDTH, 4)[..., 0]
+    return pixels_of(scene)
 
 
 def test_an_animation_has_each_frames_passes(animated, tmp_path):
@@ -220,6 +225,42 @@ def test_every_scene_has_its_own(animated, tmp_path):
     pixels = np.empty(WIDTH * HEIGHT * 4, np.float32)
     scene_images(animated.name)[PASS].pixels.foreach_get(pixels)
     np.testing.assert_array_equal(pixels.reshape(HEIGHT, WIDTH, 4)[..., 0], before)
+
+
+def link_again(scene, path):
+    """The scene as another file would have it, beside the one of its name"""
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    with bpy.data.libraries.load(str(path), link=True) as (source, target):
+        target.scenes = source.scenes
+    (linked,) = target.scenes
+    assert linked.name == scene.name and linked.library is not None
+    return linked
+
+
+def test_a_linked_scene_that_has_the_name_of_a_local_one_has_its_own_passes(animated, tmp_path):
+    animated.vir.use_on_render = True
+    linked = link_again(animated, tmp_path / "library.blend")
+    before = by_button(animated, 3)
+    with bpy.context.temp_override(scene=linked):
+        bpy.ops.render.render()
+        of_frame = pixels_of(linked)
+        assert bpy.ops.vir.render() == {"FINISHED"}
+    np.testing.assert_array_equal(pixels_of(linked), of_frame)
+    np.testing.assert_array_equal(pixels_of(animated), before)
+    assert np.abs(of_frame - before).max() > 0.5 and not frame_state.state_of(linked).problem
+
+
+def test_passes_that_another_file_keeps_are_not_passed_for_those_of_the_frame(animated, tmp_path, capsys):
+    compose(animated)
+    animated.vir.use_on_render = True
+    linked = link_again(animated, tmp_path / "library.blend")
+    (reason,) = frame_hook.reasons_against_frames(linked)
+    assert "belongs to another .blend file" in reason and not frame_hook.reasons_against_frames(animated)
+    with bpy.context.temp_override(scene=linked):
+        bpy.ops.render.render()
+        assert frame_state.state_of(linked).problem == reason and reason in capsys.readouterr().out
+        assert bpy.ops.vir.render() == {"FINISHED"}
+    assert not frame_state.state_of(linked).problem and reason in frame_state.state_of(linked).notes
 
 
 def test_animated_settings_are_those_of_the_frame(animated):

@@ -142,6 +142,22 @@ def test_scene_that_is_not_the_current_one(scene):
     assert other.render.engine == engine
 
 
+def test_a_linked_scene_that_has_the_name_of_a_local_one(scene, add, tmp_path):
+    add.cube("Linked")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"), copy=True)
+    bpy.data.objects["Linked"].name = "Local"
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (source, target):
+        target.scenes = source.scenes
+    (linked,) = target.scenes
+    assert linked.name == scene.name
+
+    def look(depsgraph):
+        return depsgraph.scene.name_full, [item.name for item in depsgraph.objects if item.type == "MESH"]
+
+    assert with_render_depsgraph(linked, linked.view_layers[0], look) == (linked.name_full, ["Linked"])
+    assert with_render_depsgraph(scene, scene.view_layers[0], look) == (scene.name, ["Local"])
+
+
 def test_border_without_pixels_is_explained(scene, evaluate):
     scene.render.use_border = scene.render.use_crop_to_border = True
     scene.render.border_max_x = 0.0

@@ -14,6 +14,11 @@ GROUP_NAME = "VIR Passes"
 GROUP_PROPERTY = "vir_passes"
 """custom property that marks the node group as made here, whatever an artist renames it to"""
 NODE_GAP_PX = 60.0
+OTHERS_PASSES = (
+    "The compositor's node VIR Passes belongs to another .blend file and shows the passes that were saved there: "
+    "make the compositor and the node's group local, then press Render Passes"
+)
+"""what a user is told where `shows_others_passes`"""
 
 
 @dataclass
@@ -62,6 +67,13 @@ def has_pass_nodes(scene: bpy.types.Scene) -> bool:
     """Whether the scene's compositor has the group already."""
     tree = compositor_tree(scene)
     return tree is not None and _find_group_node(tree) is not None
+
+
+def shows_others_passes(scene: bpy.types.Scene) -> bool:
+    """Whether its compositor has a group of another .blend file, and so the passes that were saved there."""
+    tree = compositor_tree(scene)
+    node = None if tree is None else _find_group_node(tree)
+    return node is not None and not node.node_tree.is_editable
 
 
 def compositor_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:
@@ -136,12 +148,12 @@ def _new_group_node(tree: bpy.types.NodeTree) -> bpy.types.Node:
 def _own_group(scene: bpy.types.Scene, tree: bpy.types.NodeTree, node: bpy.types.Node) -> bpy.types.NodeTree:
     """The node's group, a copy of it where it gives another scene's passes. Scenes that share their whole compositor share it too."""
     group = node.node_tree
-    owner = bpy.data.scenes.get(group.get(SCENE_PROPERTY, ""))
+    owner = next((each for each in bpy.data.scenes if each.name_full == group.get(SCENE_PROPERTY)), None)
     if owner is None:
-        group[SCENE_PROPERTY] = scene.name
+        group[SCENE_PROPERTY] = scene.name_full
     elif owner != scene and compositor_tree(owner) != tree:
         group = node.node_tree = group.copy()
-        group[SCENE_PROPERTY] = scene.name
+        group[SCENE_PROPERTY] = scene.name_full
     return group
 
 

@@ -16,12 +16,12 @@ from typing import Any
 
 import bpy
 
-from ..core.errors import DeviceError, VirError
+from ..core.errors import DeviceError, SceneError, VirError
 from ..core.pass_set import PassSet
 from ..core.plan import plan, settings_for
 from ..core.settings import Effect
 from . import devices, frame_state
-from .compositor import compositor_tree, has_node, has_pass_nodes
+from .compositor import OTHERS_PASSES, compositor_tree, has_node, has_pass_nodes, shows_others_passes
 from .extract import snapshot
 from .images import fill_unmade, mark_missing, pack_unsaved, write_images
 from .job import LayerJob, rendered_view_layers
@@ -85,12 +85,14 @@ def render_frame(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
             traceback.print_exception(error)
         print(f"VIR: frame {scene.frame_current}, {depsgraph.view_layer.name}: {frame_state.note_problem(scene, error)}")
         with contextlib.suppress(DeviceError):
-            _change_images(scene, partial(mark_missing, scene.name))
+            _change_images(scene, partial(mark_missing, scene.name_full))
 
 
 def render_layer(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Fill the images of the depsgraph's view layer. Raises VirError."""
     start = time.perf_counter()
+    if shows_others_passes(scene):
+        raise SceneError(OTHERS_PASSES)
     layer_name = depsgraph.view_layer.name
     evaluated = depsgraph.scene_eval  # the scene itself does not follow the settings' animation while Blender renders
     device_name = devices.device_name(evaluated.vir.device)
@@ -112,7 +114,7 @@ def render_layer(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None
         raise render.error
     is_first = layer_name == rendered_view_layers(scene)[0].name
     unmade: dict[str, bpy.types.Image] = {}
-    _change_images(scene, partial(_write_passes, scene.name, None if is_first else layer_name, render.layers[layer_name], unmade))
+    _change_images(scene, partial(_write_passes, scene.name_full, None if is_first else layer_name, render.layers[layer_name], unmade))
     frame_state.note_layer(scene, made, render.layers[layer_name], time.perf_counter() - start, is_first=is_first)
     for note in frame_state.note_unmade(scene, unmade):
         print(f"VIR: frame {scene.frame_current}, {layer_name}: {note}")
@@ -145,6 +147,8 @@ def reasons_against_frames(scene: bpy.types.Scene) -> list[str]:
         reasons.append("There is no compositor that would use the passes: they only go into images")
     elif not has_node(tree, "CompositorNodeRLayers"):
         reasons.append("The compositor has no Render Layers node, so Blender renders nothing, and the passes are left as they are")
+    elif shows_others_passes(scene):
+        reasons.append(OTHERS_PASSES)
     elif not has_pass_nodes(scene):
         reasons.append("The compositor does not have the passes yet: press Render Passes, then Add to Compositor")
     return reasons

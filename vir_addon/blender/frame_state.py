@@ -161,9 +161,15 @@ def note_unmade(scene: bpy.types.Scene, filled: Mapping[str, bpy.types.Image]) -
         for name, image in filled.items()
         if image.users > image.use_fake_user
     ]
-    state = state_of(scene)
-    state.notes = tuple(dict.fromkeys((*state.notes, *notes)))
+    for note in notes:
+        add_note(scene, note)
     return notes
+
+
+def add_note(scene: bpy.types.Scene, note: str) -> None:
+    """Beside those of the last plan."""
+    state = state_of(scene)
+    state.notes = tuple(dict.fromkeys((*state.notes, note)))
 
 
 def _note_time(jobs: Mapping[str, LayerJob], layers: Mapping[str, PassSet], render_s: float) -> None:

@@ -13,7 +13,7 @@ from ..core.pass_set import REFLECTION_PASS_NAME, PassSet, layer_pass_names
 PASS_PROPERTY = "vir_pass"
 """custom property with the pass's name; what marks an image as made here"""
 SCENE_PROPERTY = "vir_scene"
-"""custom property with the name of the scene that the pass is of"""
+"""custom property with the full name of the scene that the pass is of: of linked scenes with that of their file"""
 LAYER_PROPERTY = "vir_layer"
 """custom property with the name of the view layer that the pass is of; empty for the first one, whose passes carry no layer's name"""
 
@@ -28,8 +28,8 @@ def write_images(passes: PassSet, *, pack: bool = True, scene_name: str = "", la
     artist's image that happens to have the name is left alone; ours then gets a number from Blender. `pack` puts the pixels into the
     .blend (Blender drops unsaved pixels of generated images on saving); without it this is fast enough for every frame.
 
-    scene_name: passes of other scenes keep their images. layer_name: of view layers after the first, whose passes get it in their names
-    ("VIR Shadow Key (Foreground)"), here and in what is returned.
+    scene_name: the full one; passes of other scenes keep their images. layer_name: of view layers after the first, whose passes get it in
+    their names ("VIR Shadow Key (Foreground)"), here and in what is returned.
     """
     names = layer_pass_names(passes.images, layer_name)
     return {names[name]: _write_image(names[name], scene_name, layer_name, pixels, pack) for name, pixels in passes.images.items()}
@@ -63,7 +63,8 @@ def find_image(pass_name: str, scene_name: str = "") -> bpy.types.Image | None:
     An image whose scene is no more, or has another name now, is taken where the scene has none of its own.
     """
     ours = [image for image in bpy.data.images if image.library is None and image.get(PASS_PROPERTY) == pass_name]
-    ours = [image for image in ours if image.get(SCENE_PROPERTY, "") in ("", scene_name) or image[SCENE_PROPERTY] not in bpy.data.scenes]
+    others = {scene.name_full for scene in bpy.data.scenes if scene.name_full != scene_name}
+    ours = [image for image in ours if image.get(SCENE_PROPERTY, "") not in others]
     return min(ours, key=lambda image: (image.get(SCENE_PROPERTY) != scene_name, image.name != pass_name, image.name), default=None)
 
 

@@ -11,7 +11,7 @@ import bpy
 from ..core.errors import SceneError, UsageError, VirError
 from ..core.plan import check_device, settings_for
 from . import devices, frame_state, report_file
-from .compositor import add_pass_nodes, has_pass_nodes
+from .compositor import OTHERS_PASSES, add_pass_nodes, has_pass_nodes, shows_others_passes
 from .frame_state import state_of
 from .images import fill_unmade, layer_images, scene_images
 from .job import LayerJob, frame_jobs
@@ -37,14 +37,17 @@ def plan_frame(scene: bpy.types.Scene) -> dict[str, LayerJob]:
 
 def finish_render(scene: bpy.types.Scene, render: SteppedRender, seconds: float, *, pack: bool = True) -> dict[str, bpy.types.Image]:
     """Hand the passes over: images, the compositor's group where the scene has one, figures for the panel."""
-    images = layer_images(render.layers, scene.name, pack=pack)
-    if has_pass_nodes(scene):
+    images = layer_images(render.layers, scene.name_full, pack=pack)
+    is_others = shows_others_passes(scene)
+    if has_pass_nodes(scene) and not is_others:
         add_pass_nodes(scene, images)
     unmade = {}
     for index, (layer_name, passes) in enumerate(render.layers.items()):
-        unmade.update(fill_unmade(passes, scene.name, layer_name if index else None, pack=pack))
+        unmade.update(fill_unmade(passes, scene.name_full, layer_name if index else None, pack=pack))
     frame_state.note_render(scene, render.jobs, render.layers, seconds)
     frame_state.note_unmade(scene, unmade)
+    if is_others:
+        frame_state.add_note(scene, OTHERS_PASSES)
     return images
 
 
@@ -220,7 +223,7 @@ class VIR_OT_render(_Reporting, bpy.types.Operator):
         except Exception as error:
             return self.tell(scene, error)
         seconds = frame_state.seconds_text(time.perf_counter() - self._start)
-        self.report({"INFO"}, f"VIR: {len(scene_images(scene.name))} passes in {seconds}")
+        self.report({"INFO"}, f"VIR: {len(scene_images(scene.name_full))} passes in {seconds}")
         return {"FINISHED"}
 
     def cancel(self, context: bpy.types.Context) -> None:
@@ -289,11 +292,11 @@ class VIR_OT_add_to_compositor(_Reporting, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return _poll(cls, None if scene_images(context.scene.name) else "There are no passes yet: press Render Passes first")
+        return _poll(cls, None if scene_images(context.scene.name_full) else "There are no passes yet: press Render Passes first")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
-            made = add_pass_nodes(context.scene, scene_images(context.scene.name))
+            made = add_pass_nodes(context.scene, scene_images(context.scene.name_full))
         except VirError as error:
             return self.tell(context.scene, error)
         if made.is_switched_off:

@@ -67,7 +67,9 @@ def with_render_depsgraph(
     # after a render Blender evaluates the frame anew, and drops what was moved but not keyed
     with kept_unkeyed_edits(), _registered_engine(outcome), _quiet_render(scene, view_layer), _kept_render_result():
         try:
-            bpy.ops.render.render(write_still=False, scene=scene.name)
+            # the operator's own `scene` argument finds scenes by name, and of a linked and a local one of one name always the local one
+            with bpy.context.temp_override(scene=scene):
+                bpy.ops.render.render(write_still=False)
         except RuntimeError as error:
             raise SceneError(f"Blender cannot render the scene '{scene.name}': {str(error).strip()}") from error
     return outcome.get(scene)

@@ -20,7 +20,7 @@ def write_report(scene: bpy.types.Scene) -> Path:
     state = state_of(scene)
     if not state.statistics:
         raise UsageError("nothing was rendered since the file was opened; press Render Passes first")
-    pictures = {name: _pixels(image) for name, image in scene_images(scene.name).items()}
+    pictures = {name: _pixels(image) for name, image in scene_images(scene.name_full).items()}
     target = Path(bpy.app.tempdir) / f"vir_{file_name_part(scene.name)}.html"
     with whole_file(target) as temporary:
         temporary.write_text(report_page(f"VIR: {scene.name}, frame {state.frame}", state.statistics, pictures), encoding="utf-8")
