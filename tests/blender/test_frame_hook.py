@@ -88,6 +88,24 @@ def test_an_animation_has_each_frames_passes(animated, tmp_path):
     assert np.abs(frames[0] - frames[2]).max() > 0.5
 
 
+def test_a_frame_without_its_only_light_is_white(animated, tmp_path, capsys):
+    key = bpy.data.objects["Key"]
+    for frame in (1, 2, 3):
+        key.hide_render = frame == 2
+        key.keyframe_insert("hide_render", frame=frame)
+    animated.frame_set(1)
+    compose(animated)
+    animated.vir.use_on_render = True
+    bpy.ops.render.render(animation=True)
+    first, second, third = (rendered(tmp_path, frame) for frame in (1, 2, 3))
+    assert first.min() < 0.5 and (second == 1.0).all() and third.min() < 0.5
+    assert f"VIR: frame 2, ViewLayer: {PASS} is not rendered in this frame: the pass is white" in capsys.readouterr().out
+    key.animation_data_clear()
+    key.hide_render = True
+    bpy.ops.render.render()
+    assert "no light that is rendered" in frame_state.state_of(animated).problem
+
+
 def test_a_frame_larger_than_textures_is_told_in_a_sentence(animated, capsys):
     compose(animated)
     animated.vir.use_on_render = True

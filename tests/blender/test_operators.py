@@ -202,6 +202,92 @@ def test_filling_what_was_not_rendered_leaves_others_images_alone(room):
     assert len(kept) > 6 and not any("Lamp" in note for note in frame_state.state_of(room).notes), "nothing uses it"
 
 
+def test_what_was_not_rendered_is_in_the_report(room):
+    bpy.ops.vir.render()
+    bpy.ops.vir.add_to_compositor()
+    tree = room.compositing_node_group if bpy.app.version >= (5, 0) else room.node_tree
+    (node,) = (node for node in tree.nodes if node.type == "GROUP")
+    tree.links.new(node.outputs["VIR Shadow Lamp"], tree.nodes.new("CompositorNodeBlur").inputs["Image"])
+    bpy.data.objects["Lamp"].hide_render = True
+    bpy.ops.vir.render()
+    note = "VIR Shadow Lamp is not rendered in this frame: the pass is white"
+    assert report_file.write_report(room).read_text().count(note) == 1
+    bpy.data.objects["Lamp"].hide_render = False
+    bpy.ops.vir.plan()
+    assert note not in frame_state.state_of(room).notes
+    assert note in report_file.write_report(room).read_text(), "it tells of the passes that are there"
+    bpy.ops.vir.render()
+    assert note not in report_file.write_report(room).read_text()
+
+
+def test_passes_of_a_view_layer_that_is_gone_or_first_now_are_white(room):
+    front = room.view_layers.new("Foreground")
+    bpy.ops.vir.render()
+    of_front = scene_images(room.name)["VIR Shadow Key (Foreground)"]
+    bpy.data.textures.new("user", "IMAGE").image = of_front
+    note = "VIR Shadow Key (Foreground) is not rendered in this frame: the pass is white"
+
+    def is_told_white():
+        assert (pixels_of(of_front) == 1.0).all() == (note in frame_state.state_of(room).notes)
+        return note in frame_state.state_of(room).notes
+
+    front.name = "Front"
+    bpy.ops.vir.render()
+    assert is_told_white() and pixels_of(scene_images(room.name)["VIR Shadow Key (Front)"]).min() < 0.5
+    front.name = "Foreground"
+    bpy.ops.vir.render()
+    assert not is_told_white()
+    room.view_layers["ViewLayer"].use = False
+    bpy.ops.vir.render()
+    assert is_told_white() and pixels_of(scene_images(room.name)["VIR Shadow Key"]).min() < 0.5
+    room.view_layers["ViewLayer"].use = True
+    bpy.ops.vir.render()
+    assert not is_told_white()
+    room.view_layers.remove(front)
+    bpy.ops.vir.render()
+    assert is_told_white()
+
+
+def test_passes_of_a_scene_that_is_gone_stay(room):
+    other = full_copy_of(room)
+    with bpy.context.temp_override(scene=other):
+        next(item for item in other.objects if item.name.startswith("Lamp")).name = "Moon"
+        bpy.ops.vir.render()
+    kept = scene_images(other.name)["VIR Shadow Moon"]
+    before = pixels_of(kept)
+    bpy.ops.vir.render()
+    bpy.data.scenes.remove(other)
+    bpy.ops.vir.render()
+    np.testing.assert_array_equal(pixels_of(kept), before)
+
+
+def test_what_is_not_rendered_any_more_is_filled_in_a_renamed_scene_too(room):
+    bpy.ops.vir.render()
+    own = scene_images(room.name)["VIR Shadow Lamp"]
+    room.name = "Renamed"
+    bpy.data.objects["Lamp"].hide_render = True
+    bpy.ops.vir.render()
+    assert (pixels_of(own) == 1.0).all()
+
+
+def test_a_layer_without_lights_is_white_where_others_have_them(room):
+    lights = bpy.data.collections.new("Lights")
+    room.collection.children.link(lights)
+    for item in [item for item in room.objects if item.type == "LIGHT"]:
+        room.collection.objects.unlink(item)
+        lights.objects.link(item)
+    dark = room.view_layers.new("Dark")
+    dark.layer_collection.children["Lights"].exclude = True
+    assert bpy.ops.vir.render() == {"FINISHED"}
+    images = scene_images(room.name)
+    assert pixels_of(images["VIR Shadow Key"]).min() < 0.5 and (pixels_of(images["VIR Shadow (Dark)"]) == 1.0).all()
+    assert "no light is rendered in this frame and view layer: shadows are white" in frame_state.state_of(room).notes
+    dark.layer_collection.children["Lights"].exclude = False
+    for light in lights.objects:
+        light.hide_render = True
+    refuse(bpy.ops.vir.render, "no light that is rendered")
+
+
 @pytest.mark.parametrize("beyond_px", [4000, -1])
 def test_a_picture_larger_than_textures_is_refused_in_a_sentence_before_any_work(room, monkeypatch, beyond_px):
     width_px = devices.get_device("moderngl").max_texture_size_px + beyond_px

@@ -114,18 +114,18 @@ def render_layer(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None
         raise render.error
     is_first = layer_name == rendered_view_layers(scene)[0].name
     unmade: dict[str, bpy.types.Image] = {}
-    _change_images(scene, partial(_write_passes, scene.name_full, None if is_first else layer_name, render.layers[layer_name], unmade))
+    _change_images(scene, partial(_write_passes, scene, layer_name, is_first, render.layers[layer_name], unmade))
     frame_state.note_layer(scene, made, render.layers[layer_name], time.perf_counter() - start, is_first=is_first)
-    for note in frame_state.note_unmade(scene, unmade):
+    for note in frame_state.note_unmade(scene, layer_name, unmade):
         print(f"VIR: frame {scene.frame_current}, {layer_name}: {note}")
 
 
 def _write_passes(
-    scene_name: str, layer_name: str | None, passes: PassSet, unmade: dict[str, bpy.types.Image]
+    scene: bpy.types.Scene, layer_name: str, is_first: bool, passes: PassSet, unmade: dict[str, bpy.types.Image]
 ) -> dict[str, bpy.types.Image]:
     """Pass name -> image, of those that were made. unmade: gets what was filled for want of a pass"""
-    made = write_images(passes, pack=False, scene_name=scene_name, layer_name=layer_name)
-    unmade.update(fill_unmade(passes, scene_name, layer_name, pack=False))
+    made = write_images(passes, pack=False, scene_name=scene.name_full, layer_name=None if is_first else layer_name)
+    unmade.update(fill_unmade(passes, scene, layer_name, is_first=is_first, pack=False))
     return made
 
 

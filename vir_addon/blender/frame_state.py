@@ -154,7 +154,7 @@ def note_layer(scene: bpy.types.Scene, job: LayerJob, passes: PassSet, render_s:
     _note_time({layer_name: job}, {layer_name: passes}, render_s)
 
 
-def note_unmade(scene: bpy.types.Scene, filled: Mapping[str, bpy.types.Image]) -> list[str]:
+def note_unmade(scene: bpy.types.Scene, layer_name: str, filled: Mapping[str, bpy.types.Image]) -> list[str]:
     """After `note_render` or `note_layer`. filled: of `images.fill_unmade`. Tells, and returns, of those that anything in the file uses."""
     notes = [
         f"{name} is not rendered in this frame: the pass is {'black' if name.startswith(REFLECTION_PASS_NAME) else 'white'}"
@@ -162,14 +162,15 @@ def note_unmade(scene: bpy.types.Scene, filled: Mapping[str, bpy.types.Image]) -
         if image.users > image.use_fake_user
     ]
     for note in notes:
-        add_note(scene, note)
+        add_note(scene, layer_name, note)
     return notes
 
 
-def add_note(scene: bpy.types.Scene, note: str) -> None:
-    """Beside those of the last plan."""
+def add_note(scene: bpy.types.Scene, layer_name: str, note: str) -> None:
+    """Beside those of the last plan, and to what the report says of the layer's render."""
     state = state_of(scene)
     state.notes = tuple(dict.fromkeys((*state.notes, note)))
+    state.statistics[layer_name].notes.append(note)
 
 
 def _note_time(jobs: Mapping[str, LayerJob], layers: Mapping[str, PassSet], render_s: float) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import bpy
@@ -32,6 +32,7 @@ def write_images(passes: PassSet, *, pack: bool = True, scene_name: str = "", la
     their names ("VIR Shadow Key (Foreground)"), here and in what is returned.
     """
     names = layer_pass_names(passes.images, layer_name)
+    _follow_renamed_scene(scene_name, names.values())
     return {names[name]: _write_image(names[name], scene_name, layer_name, pixels, pack) for name, pixels in passes.images.items()}
 
 
@@ -43,17 +44,26 @@ def layer_images(passes_of_layers: Mapping[str, PassSet], scene_name: str, *, pa
     return images
 
 
-def fill_unmade(passes: PassSet, scene_name: str, layer_name: str | None = None, *, pack: bool = True) -> dict[str, bpy.types.Image]:
+def fill_unmade(
+    passes: PassSet, scene: bpy.types.Scene, layer_name: str, *, is_first: bool, pack: bool = True
+) -> dict[str, bpy.types.Image]:
     """Fill the view layer's images of passes that are not among those made now, to be called after `write_images`: white, and reflections,
-    which are added, black. A light that is hidden, deleted or called otherwise in this frame must not show its shadow of another.
-    Returns what was filled, pass name -> image. Arguments as of `write_images`."""
-    made = set(layer_pass_names(passes.images, layer_name).values())
+    which are added, black. A light that is hidden, deleted or called otherwise in this frame must not show its shadow of another, nor a
+    view layer that is. Returns what was filled, pass name -> image.
+
+    is_first: of the rendered layers; its passes carry no layer's name, so images that do are of when it was not, or of one that is gone.
+    """
+    made = set(layer_pass_names(passes.images, None if is_first else layer_name).values())
+    others = {layer.name for layer in scene.view_layers} - {layer_name}
     height, width = next(iter(passes.images.values())).shape[:2]
     filled = {}
-    for pass_name, image in scene_images(scene_name).items():
-        if pass_name not in made and _layer_of(image) == (layer_name or ""):
+    for pass_name, image in scene_images(scene.name_full).items():
+        of_layer = _layer_of(image)
+        is_own = of_layer is not None and (of_layer not in others if is_first else of_layer == layer_name)
+        if pass_name not in made and is_own and image.get(SCENE_PROPERTY) == scene.name_full:
             value = 0.0 if pass_name.startswith(REFLECTION_PASS_NAME) else 1.0
-            filled[pass_name] = _write_image(pass_name, scene_name, layer_name, np.full((height, width), value, np.float32), pack)
+            _fill_image(image, np.full((height, width), value, np.float32), pack)
+            filled[pass_name] = image
     return filled
 
 
@@ -92,6 +102,20 @@ def pack_unsaved(*_: Any) -> None:
             image.pack()
 
 
+def _follow_renamed_scene(scene_name: str, pass_names: Iterable[str]) -> None:
+    """Images of a scene that has another name now are its own, also those of passes that are not made any more. One that has images of its
+    own has not been renamed since; others were of scenes that are gone."""
+    ours = [image for image in bpy.data.images if image.library is None and image.get(PASS_PROPERTY)]
+    if any(image.get(SCENE_PROPERTY) == scene_name for image in ours):
+        return
+    taken = next((found for name in pass_names if (found := find_image(name, scene_name)) is not None), None)
+    if taken is not None:
+        before = taken.get(SCENE_PROPERTY)
+        for image in ours:
+            if image.get(SCENE_PROPERTY) == before:
+                image[SCENE_PROPERTY] = scene_name
+
+
 def _layer_of(image: bpy.types.Image) -> str | None:
     """None: not known. Files of before passes told their layer know it by the name alone."""
     return image.get(LAYER_PROPERTY, None if image[PASS_PROPERTY].endswith(")") else "")
@@ -101,6 +125,12 @@ def _write_image(pass_name: str, scene_name: str, layer_name: str | None, pixels
     height, width = pixels.shape[:2]
     image = find_image(pass_name, scene_name) or _new_image(pass_name, width, height)
     image[SCENE_PROPERTY], image[LAYER_PROPERTY] = scene_name, layer_name or ""
+    _fill_image(image, pixels, pack)
+    return image
+
+
+def _fill_image(image: bpy.types.Image, pixels: np.ndarray, pack: bool) -> None:
+    height, width = pixels.shape[:2]
     if tuple(image.size) != (width, height):
         image.scale(width, height)
     rgba = np.ones((height, width, image.channels), dtype=np.float32)
@@ -109,7 +139,6 @@ def _write_image(pass_name: str, scene_name: str, layer_name: str | None, pixels
     image.update()
     if pack:
         image.pack()
-    return image
 
 
 def _new_image(pass_name: str, width: int, height: int) -> bpy.types.Image:

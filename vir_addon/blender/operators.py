@@ -41,13 +41,12 @@ def finish_render(scene: bpy.types.Scene, render: SteppedRender, seconds: float,
     is_others = shows_others_passes(scene)
     if has_pass_nodes(scene) and not is_others:
         add_pass_nodes(scene, images)
-    unmade = {}
-    for index, (layer_name, passes) in enumerate(render.layers.items()):
-        unmade.update(fill_unmade(passes, scene.name_full, layer_name if index else None, pack=pack))
     frame_state.note_render(scene, render.jobs, render.layers, seconds)
-    frame_state.note_unmade(scene, unmade)
+    for index, (layer_name, passes) in enumerate(render.layers.items()):
+        unmade = fill_unmade(passes, scene, layer_name, is_first=index == 0, pack=pack)
+        frame_state.note_unmade(scene, layer_name, unmade)
     if is_others:
-        frame_state.add_note(scene, OTHERS_PASSES)
+        frame_state.add_note(scene, next(iter(render.layers)), OTHERS_PASSES)
     return images
 
 

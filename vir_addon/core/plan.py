@@ -33,6 +33,7 @@ from .sampling import pixel_offsets
 from .scene import Light, SceneSnapshot, has_same_picture
 from .settings import Effect, Hardware, Method, PointGeneration, ReflectionFilter, Settings
 
+NO_LIGHT_NOTE = "no light is rendered in this frame and view layer: shadows are white"
 SHARED_MAPS_NOTE = (
     "shadows may differ a little from those made without reflections: lights' maps may reach over what reflectors show as well"
 )
@@ -110,7 +111,8 @@ def plan(
     once: shared by plans of one snapshot that differ in nothing but views and map resolution, so that each light's faces are fitted and
     reflectors chosen once.
 
-    Raises UsageError for lights that the scene does not have, SceneError when the scene has no light that can be rendered.
+    Raises UsageError for lights that the scene does not have, SceneError when the scene has no light that can be rendered, and
+    none elsewhere.
     """
     once = PlannedOnce() if once is None else once
     lights = _chosen_lights(snapshot, settings)
@@ -151,6 +153,7 @@ def plan(
         return 1 if only_reflects else eye_samples_of_batch(most_views, batch_count, settings, most_edge_samples)
 
     notes = list(snapshot.notes)
+    notes += [NO_LIGHT_NOTE] if Effect.SHADOW in settings.effects and not lights else []
     rounds: ReflectionRounds | None = None
     if reflections is not None and reflections.runs:
         rounds = plan_rounds(snapshot, settings, reflections.bounces, batch_count, view_counts, eye_samples_of)
@@ -260,7 +263,7 @@ def _chosen_lights(snapshot: SceneSnapshot, settings: Settings) -> list[Light]:
         lights = [light for light in snapshot.lights if light.name in settings.light_names]
     else:
         lights = list(snapshot.lights)
-    if not lights and Effect.SHADOW in settings.effects:
+    if not lights and Effect.SHADOW in settings.effects and not snapshot.has_lights_elsewhere:
         left_out = "".join(f"; {item.object_name} is left out: {item.reason}" for item in snapshot.left_out if item.is_light)
         raise SceneError(f"scene {snapshot.scene_name!r} has no light that is rendered; add a light or enable one for rendering{left_out}")
     return lights

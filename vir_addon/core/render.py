@@ -45,7 +45,7 @@ from .reflections.seen_places import SeenPlaces
 from .reflections.work import ReflectionWork
 from .sampling import pixel_offsets
 from .scene import SceneSnapshot, has_same_meshes, has_same_picture, has_same_surfaces, is_same_light
-from .settings import ReflectionLookUp
+from .settings import Effect, ReflectionLookUp
 from .steps import HostWork, Steps, run_steps
 from .stopwatch import OnStage, Stopwatch
 
@@ -473,7 +473,7 @@ class Renderer:
                 images[planned.pass_name] = (1 - surface_share * (1 - planned.surface_value)).astype(np.float32)
         if shown:
             images[COMBINED_PASS_NAME] = pass_image(combined[0], combined[1], surface_share)
-        elif self.plan.passes:
+        elif Effect.SHADOW in self.plan.settings.effects:
             images[COMBINED_PASS_NAME] = np.ones(shape, np.float32)
         if self.reflections is not None:
             images |= self.reflections.read()

@@ -122,6 +122,7 @@ class SceneReading:
             pixel_filter=extract_pixel_filter(scene, engine_of(depsgraph.scene)),
             world_origin_m=placed.world_origin_m,
             left_out=_sorted_left_out([*surfaces.left_out, *walk.left_out_lights, *unplaced]),
+            has_lights_elsewhere=not lights and view is None and _has_lights_elsewhere(depsgraph.scene, depsgraph.view_layer),
             notes=(*(_notes(depsgraph, placed) if view is None else []), *notes_on_lights(walk.light_rows), *surfaces.notes),
             materials=appearance.materials if appearance else (),
             material_sets=surfaces.material_sets if appearance else (),
@@ -224,6 +225,14 @@ def _sorted_left_out(left_out: list[LeftOut]) -> tuple[LeftOut, ...]:
         instance_count[same] = instance_count.get(same, 0) + one.instance_count
     summed = (replace(one, instance_count=count) for one, count in instance_count.items())
     return tuple(sorted(summed, key=lambda one: (one.object_name, one.reason, one.vertex_count, one.triangle_count)))
+
+
+def _has_lights_elsewhere(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> bool:
+    # whichever are in use: others than this one are switched off while it is evaluated
+    others = [layer for layer in scene.view_layers if layer != view_layer]
+    in_others = {item.session_uid for layer in others for item in layer.objects if not item.hide_render}
+    lights = (item for item in scene.objects if item.type == "LIGHT")
+    return any(item.animation_data is not None or item.session_uid in in_others for item in lights)
 
 
 def _notes(depsgraph: bpy.types.Depsgraph, placed: PlacedInstances) -> list[str]:
