@@ -291,7 +291,7 @@ def test_a_layer_without_lights_is_white_where_others_have_them(room):
 @pytest.mark.parametrize("beyond_px", [4000, -1])
 def test_a_picture_larger_than_textures_is_refused_in_a_sentence_before_any_work(room, monkeypatch, beyond_px):
     width_px = devices.get_device("moderngl").max_texture_size_px + beyond_px
-    monkeypatch.setattr("vir_addon.blender.stepped_render.render", None)
+    monkeypatch.setattr("vir_addon.blender.stepped_render.render_in_steps", None)
     room.render.resolution_x = width_px
     for operator in (bpy.ops.vir.plan, bpy.ops.vir.render):
         refuse(operator, f"the picture is {width_px} x 27 px.*lower resolution")
@@ -375,6 +375,38 @@ def test_cancelling_keeps_what_was_there_and_frees_the_device(room, device):
     room.vir.view_count = 8
     assert bpy.ops.vir.render() == {"FINISHED"}
     assert all((pixels_of(image) == before[name]).all() for name, image in scene_images(room.name).items())
+
+
+@pytest.mark.parametrize("reflects", [False, True])
+def test_blenders_own_graphics_are_left_within_batches_too(room, monkeypatch, reflects):
+    """Nothing else happens in the window meanwhile, not even Esc."""
+    if bpy.app.version < (5, 2):
+        pytest.skip("Blender's module works in background from 5.2 on")
+    room.vir.device, room.vir.use_reflections = "GPU", reflects
+    if reflects:
+        bpy.data.objects["Cube"].vir.reflector = "ALWAYS"
+    bpy.ops.vir.render()
+    before = {name: pixels_of(image) for name, image in scene_images(room.name).items()}
+    monkeypatch.setattr("vir_addon.blender.stepped_render.STEP_S", 0.0)
+    jobs = operators.plan_frame(room)
+    whole = SteppedRender(jobs, "gpu")
+    step_count = 1
+    while not whole.step():
+        step_count += 1
+    batch_count = jobs["ViewLayer"].plan.batch_count
+    assert step_count > 4 * batch_count and whole.error is None
+    operators.finish_render(room, whole, 1.0)
+    for name, image in scene_images(room.name).items():
+        np.testing.assert_array_equal(pixels_of(image), before[name])
+    for stop in range(1, step_count, max(1, step_count // 9)):
+        render = SteppedRender(jobs, "gpu")
+        for _ in range(stop):
+            assert not render.step()
+        render.cancel()
+        assert render.is_done and not render.layers and render.error is None
+    assert bpy.ops.vir.render() == {"FINISHED"}
+    for name, image in scene_images(room.name).items():
+        np.testing.assert_array_equal(pixels_of(image), before[name])
 
 
 def test_switching_the_extension_off_ends_what_runs(room):

@@ -159,7 +159,7 @@ def test_slices_leave_room_for_a_step_that_takes_longer(device, progressive, mon
     clock = [0.0]
     monkeypatch.setattr("vir_addon.core.progressive.time.perf_counter", lambda: clock[0])
     render_passes(view(), device, **OPTIONS)  # which compiles what it takes
-    send = progressive_render._send
+    send = progressive_render.send_step
     for slow in range(10, 30):
         steps = [0]
 
@@ -169,7 +169,7 @@ def test_slices_leave_room_for_a_step_that_takes_longer(device, progressive, mon
             return send(*given)
 
         with monkeypatch.context() as patch:
-            patch.setattr(progressive_render, "_send", timed)
+            patch.setattr(progressive_render, "send_step", timed)
             progressive.show(view(key_x=0.1 * slow), SETTINGS)
             slices = []
             while not progressive.is_done:
@@ -186,14 +186,14 @@ def test_a_long_step_of_every_batch_is_expected_where_it_comes(device, progressi
     lights = [area_light(f"Light {number}", (number - 5.0, -2.0, 5.0)) for number in range(10)]
     scene, settings = view(lights=lights), Settings(view_count=8, map_resolution_px=64, batch_view_count=2)
     render_passes(scene, device, view_count=8, map_resolution_px=64, batch_view_count=2)
-    send = progressive_render._send
+    send = progressive_render.send_step
 
     def timed(*given):
         is_long = progressive._is_rendering and len(progressive._batch_s) == 30
         clock[0] += 0.9 if is_long else 0.02
         return send(*given)
 
-    monkeypatch.setattr(progressive_render, "_send", timed)
+    monkeypatch.setattr(progressive_render, "send_step", timed)
     progressive.show(scene, settings)
     slices = []
     while not progressive.is_done:

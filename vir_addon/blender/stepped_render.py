@@ -1,22 +1,26 @@
 """A render in steps, for front ends that must go on answering: no window, no operator in here.
 
 With the device `moderngl` it runs on a thread of its own and a step only looks how far it is; Blender's own module belongs to the main
-thread, where every step renders one batch of views.
+thread, where every step renders at most one batch of views, and of a long one a part.
 """
 
 from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass, replace
 
 from ..core.errors import SceneError, UsageError
 from ..core.pass_set import PassSet
 from ..core.plan import check_device
-from ..core.render import Progress, render
+from ..core.render import Progress, render_in_steps
 from . import devices
 from .job import LayerJob
+
+STEP_S = 0.1
+"""after which a step on Blender's own thread ends, with what it is at"""
 
 
 class CancelledError(Exception):
@@ -61,9 +65,11 @@ class SteppedRender:
         self.error: BaseException | None = None
         self.is_done = False
         self.is_cancelled = False
+        self._pauses = devices.is_bound_to_main_thread(device_name)
+        self._is_within_batch = False
         self._steps = self._render()
         self._thread: threading.Thread | None = None
-        if not devices.is_bound_to_main_thread(device_name):
+        if not self._pauses:
             _unfinished.add(self)
             self._thread = threading.Thread(target=self._run_through, name="vir-render", daemon=True)
             self._thread.start()
@@ -77,9 +83,12 @@ class SteppedRender:
         return self._thread is not None
 
     def step(self) -> bool:
-        """Go on for a batch, or look at the thread that does. True: done."""
+        """Go on for STEP_S, or until a batch ends, or look at the thread that does. True: done."""
         if self._thread is None and not self.is_done:
+            start = time.perf_counter()
             self._advance()
+            while self._is_within_batch and not self.is_done and time.perf_counter() - start < STEP_S:
+                self._advance()
         return self.is_done
 
     def cancel(self) -> None:
@@ -118,8 +127,14 @@ class SteppedRender:
             check_device(job.plan, self.device)
             weight = job.plan.predicted_ms + 1.0
             progress: Progress | None = None
-            with contextlib.closing(render(job.snapshot, job.plan, self.device, self._on_stage)) as steps:
-                for progress in steps:
+            steps = render_in_steps(job.snapshot, job.plan, self.device, self._on_stage, pauses=self._pauses)
+            with contextlib.closing(steps):
+                for step in steps:
+                    self._is_within_batch = step is None
+                    if step is None:
+                        yield
+                        continue
+                    progress = step
                     share = progress.batches_done / progress.batches_total
                     self.state = replace(
                         self.state,

@@ -14,7 +14,7 @@ from .plan import RenderPlan, check_device, plan
 from .render import Renderer
 from .scene import SceneSnapshot
 from .settings import Settings
-from .steps import Steps
+from .steps import Steps, send_step
 
 WATCHED_STEPS = 16
 """The longest of so many latest steps is what the next one is expected to take in the first batch."""
@@ -149,7 +149,7 @@ class ProgressiveRender:
             return self._draw()
         answer, self._answer = self._answer, None
         start, kernel_count, translation_count = time.perf_counter(), self.device.kernel_count, self.device.translation_count
-        host_work, has_ended = self.device.run(_send, self._steps, answer)
+        host_work, has_ended = self.device.run(send_step, self._steps, answer)
         took_s = time.perf_counter() - start
         self.compiled_count += self.device.kernel_count - kernel_count
         if self.device.translation_count == translation_count:
@@ -242,11 +242,3 @@ class ProgressiveRender:
         if self._renderer is not None:
             self._renderer.close()
         self._renderer = None
-
-
-def _send(steps: Steps, answer: Any) -> tuple[Any, bool]:
-    """A step: work for the host or None, and whether it was the last."""
-    try:
-        return steps.send(answer), False
-    except StopIteration:
-        return None, True

@@ -15,7 +15,7 @@ import contextlib
 import time
 from collections.abc import Generator
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -46,7 +46,7 @@ from .reflections.work import ReflectionWork
 from .sampling import pixel_offsets
 from .scene import SceneSnapshot, has_same_meshes, has_same_picture, has_same_surfaces, is_same_light
 from .settings import Effect, ReflectionLookUp
-from .steps import HostWork, Steps, run_steps
+from .steps import HostWork, Steps, run_steps, send_step
 from .stopwatch import OnStage, Stopwatch
 
 LEAST_SEEN_SAMPLES = 4
@@ -106,13 +106,27 @@ def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device, on_stage: 
     on_stage: told what is being done, also before the first batch. With a device that has a thread of its own, a KeyboardInterrupt
     of the caller's ends the work there with the current stage.
     """
+    yield from cast(Generator[Progress, None, None], render_in_steps(snapshot, plan, device, on_stage, pauses=False))
+
+
+def render_in_steps(
+    snapshot: SceneSnapshot, plan: RenderPlan, device: Device, on_stage: OnStage | None = None, *, pauses: bool = True
+) -> Generator[Progress | None, None, None]:
+    """`render` for who has to do something else on the device's thread: where it pauses within a batch, and before the first, it yields
+    None."""
     check_device(plan, device)
     with contextlib.closing(Renderer(snapshot, plan, device, on_stage)) as renderer:
         start = time.perf_counter()
-        device.run(renderer.prepare)
+        if pauses:
+            yield from _pausing(renderer.preparing(), device)
+        else:
+            device.run(renderer.prepare)
         prepared_s = time.perf_counter() - start
         for batch in range(plan.batch_count):
-            device.run(renderer.render_batch, batch)
+            if pauses:
+                yield from _pausing(renderer.rendering(batch), device)
+            else:
+                device.run(renderer.render_batch, batch)
             elapsed_s = time.perf_counter() - start
             share_done = (batch + 1) / plan.batch_count
             progress = Progress(
@@ -130,6 +144,17 @@ def render(snapshot: SceneSnapshot, plan: RenderPlan, device: Device, on_stage: 
                 progress.keep()
                 raise
         progress.keep()
+
+
+def _pausing(steps: Steps, device: Device) -> Generator[None, None, None]:
+    answer, has_ended = None, False
+    try:
+        while not has_ended:
+            host_work, has_ended = device.run(send_step, steps, answer)
+            answer = host_work() if host_work is not None else None
+            yield
+    finally:
+        device.run(steps.close)
 
 
 class Renderer:

@@ -59,6 +59,14 @@ class Allocation:
         return texture
 
 
+def send_step(steps: Generator[HostWork | None, Any, Any], answer: Any) -> tuple[HostWork | None, bool]:
+    """A step: what is to be called and its result sent in next, and whether it was the last."""
+    try:
+        return steps.send(answer), False
+    except StopIteration:
+        return None, True
+
+
 def run_steps(steps: Generator[HostWork | None, Any, Result]) -> Result:
     """To the end, at once and on this thread; what comes of it."""
     answer = None
