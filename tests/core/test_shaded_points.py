@@ -13,7 +13,11 @@ from tests.core.test_shaded_maps import rendered
 from tests.scenes import bumpy_sphere, floor, matte, mirror, perspective_camera, prepared_renderer, render_batches, snapshot
 from vir_addon.core.errors import UsageError
 from vir_addon.core.material import World
+from vir_addon.core.methods.reflected_points import ReflectedPoints
+from vir_addon.core.passes.reflected_points import MAX_CUBES
 from vir_addon.core.passes.shaded_points import FACES_PER_CHANNEL, bytes_per_point
+from vir_addon.core.plan import plan
+from vir_addon.core.reflections.reflectors import MAX_GROUPS, MAX_REFLECTORS
 from vir_addon.core.settings import Effect, ReflectionLookUp, ReflectionMethod, ReflectionWords, Settings
 
 IVIR = {"reflection_method": ReflectionMethod.IVIR, "stochastic_culling": False}
@@ -163,3 +167,27 @@ def test_points_that_take_more_memory_than_maps_may_are_refused(device):
 def test_words_of_colour_are_of_shaded_cubes_of_ivir(choice):
     with pytest.raises(UsageError, match="packed words are what ivir writes into shaded cubes"):
         Settings(effects=(Effect.REFLECTION,), reflection_words=ReflectionWords.PACKED, **choice)
+
+
+def test_500_reflectors_share_cubes_that_one_cloud_serves():
+    """Those with cubes of their own, and groups of others."""
+    mirrors = [bumpy_sphere(f"mirror {k}", (0.5 * (k % 25) - 6, 0.5 * (k // 25) - 5, 0.2), 0.2, 8, bump_share=0.0) for k in range(500)]
+    camera = perspective_camera((0, -9, 10), (0, 0, 0), 256, 144, 0.35)
+    scene = snapshot(mirrors, [], camera, 256, 144, materials=[mirror()] * 500, world=World((0.1, 0.2, 0.3)))
+    settings = Settings(effects=(Effect.REFLECTION,), bounces=1, view_count=1, reflection_look_up=ReflectionLookUp.SHADED, **PACKED)
+    planned = plan(scene, settings).reflections
+    assert sum(each.seen is not None for each in planned.reflectors) == len(planned.maps)
+    assert MAX_REFLECTORS < len(planned.maps) <= MAX_REFLECTORS + MAX_GROUPS <= MAX_CUBES
+    assert max(len(each.instances) for each in planned.reflectors if each.seen is not None) > 1
+
+
+def test_more_cubes_than_one_cloud_serves_are_refused(device):
+    """Before anything is drawn: points of the first cloud would be lost."""
+    scene = shining_balls(rows=12)
+    chosen = {"effects": (Effect.REFLECTION,), "bounces": 1, "view_count": 1, "reflection_look_up": ReflectionLookUp.SHADED, **PACKED}
+    with prepared_renderer(scene, device, **chosen) as renderer:
+        kept = renderer.reflections.kept_points
+        arguments = kept.bounds, kept.settings, ReflectionMethod.IVIR
+        ReflectedPoints(kept.maps, kept.cubes * MAX_CUBES, *arguments).release()
+        with pytest.raises(UsageError, match="serve 256 cubes, not 257"):
+            ReflectedPoints(kept.maps, kept.cubes * (MAX_CUBES + 1), *arguments)

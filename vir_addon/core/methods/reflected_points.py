@@ -118,6 +118,9 @@ class ReflectedPoints:
         """held at a time"""
         self.keeps_points = settings.reflection_words is not ReflectionWords.NUMBERS
         """Points are not splatted here: they are shaded first."""
+        if self.keeps_points and len(cubes) > MAX_CUBES:
+            # those of a second cloud would take the place of the first one's; plans have 64 reflectors' and 16 groups' at most
+            raise UsageError(f"points that are shaded themselves serve {MAX_CUBES} cubes, not {len(cubes)}: choose words of numbers")
         self._kept = Owned()
         self._counts = (0, 0)
         self._held: _Portion | None = None
