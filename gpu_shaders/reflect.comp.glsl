@@ -1,9 +1,7 @@
 // Reflects what is looked at, or what the rays before met: the next rays, and what the light that they find is multiplied by.
 // Rough surfaces reflect along one of their facets' normals, another one for every pixel and round.
 #include "lib/surface_point.glsl"
-#include "lib/brdf.glsl"
-#include "lib/facets.glsl"
-#include "lib/pixel_shift.glsl"
+#include "lib/reflected_ray.glsl"
 #include "lib/tiles.glsl"
 
 void main() {
@@ -53,49 +51,13 @@ void main() {
         vec3 shading = side * shading_normal(instance, triangle, triangle_index, weights, side * normal.xyz);
         Surface surface = surface_at(instance_index, instance, triangle, triangle_index, weights, normal.xyz, shading);
 #ifdef FILTERED
-        // the surface goes on in the triangle's plane, its normal by the triangle's gradient; not so beyond where the plane ends
-        vec2 at = vec2(pixel) + 0.5 + vec2(place_x, place_y);
-        vec3 to_plane = eye[0].xyz + at.x * eye[1].xyz + at.y * eye[2].xyz;
-        bool orthographic = eye[3].w > 0.5;
-        vec3 from = orthographic ? eye[3].xyz + to_plane : eye[3].xyz;
-        vec3 toward = orthographic ? incoming : normalize(to_plane);
-        vec3 moved = plane_weights(triangle, from, toward);
-        vec3 place = moved.x * triangle.position_ws[0] + moved.y * triangle.position_ws[1] + moved.z * triangle.position_ws[2];
-        float farther = dot(place - from, toward);
-        if (dot(toward, normal.xyz) < 0.0 && (orthographic || (farther > 0.5 * traveled && farther < 2.0 * traveled))) {
-            vec3 turned = surface.normal_ws + side * shading_normal(instance, triangle, triangle_index, moved, side * normal.xyz) - shading;
-            surface.normal_ws = dot(turned, turned) > 0.0 ? normalize(turned) : surface.normal_ws;
-            position.xyz = place;
-            incoming = toward;
-        }
+        move_in_pixel(vec2(pixel) + 0.5 + vec2(place_x, place_y), instance, triangle, triangle_index, side, normal.xyz, shading, traveled,
+                      surface, position.xyz, incoming);
 #endif
-        vec3 n = seen_normal(surface.normal_ws, -incoming);
-        surface.normal_ws = n;
-        float cosine = max(-dot(n, incoming), LEAST_COSINE);
-        Lobes lobes = lobes_of(surface, cosine);
-        float roughness = reflection_roughness(surface, lobes);
-        float width = roughness * roughness;
-        vec3 facet = n;
-        float masked = 1.0;
-        if (width > MIRROR_WIDTH) {
-            facet = facet_of(n, -incoming, width, shifted(pixel, vec2(sample_x, sample_y), bounce), masked);
-        }
-        vec3 outgoing = reflect(incoming, facet);
-        float above = dot(outgoing, normal.xyz);
-        if (above <= 0.0) {
-            // a leaning shading normal would send it into the surface
-            outgoing = normalize(outgoing - (above - 1.0e-3) * normal.xyz);
-        }
-        albedo = vec4(reflection_color(surface, lobes), 1.0);
-        // a coat has other facets than what it lies upon: those of the one that reflects more stand for both
-        vec3 reflected = albedo.rgb;
-        if (surface.coat_weight > 0.0) {
-            // the mean of masking over facets is in it already
-            masked /= width > MIRROR_WIDTH ? (roughness == surface.coat_roughness ? lobes.coat : lobes.base).albedo : 1.0;
-        } else {
-            reflected = lobe_fresnel(surface, lobes.base, clamp(-dot(facet, incoming), 0.0, 1.0));
-        }
-        color = vec4(share * before * masked * reflected, others);
+        Reflected found = reflected_ray(surface, normal.xyz, incoming, pixel, vec2(sample_x, sample_y), bounce);
+        vec3 outgoing = found.direction;
+        albedo = vec4(found.albedo, 1.0);
+        color = vec4(share * before * found.share, others);
         origin = vec4(position.xyz, float(map_number));
         ray = vec4(outgoing, FIRST_SHARE * max(traveled, length(position.xyz)));
     }

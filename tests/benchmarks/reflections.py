@@ -28,7 +28,6 @@ from vir_addon.core.reflections.work import ReflectionWork
 from vir_addon.core.render import Renderer, render
 from vir_addon.core.scene import FilterShape, PixelFilter, SceneSnapshot
 from vir_addon.core.settings import (
-    ADAPTIVE_STEP,
     POISSON_SAMPLES,
     Effect,
     ReflectionFilter,
@@ -50,6 +49,9 @@ PUBLISHED, SMALL, DEFERRED = "mvr", "mvr, cubes as small", "mvr, these deferred"
 which ivir's and epr's are; and shaded where rays end"""
 PACKED, WIDE = "ivir, 13 + 19 bits", "ivir, 32 + 32 bits"
 """ivir as published: points are shaded, and cubes mip-mapped and looked up by direction; with words of depth and colour, and of each"""
+FILTERED, FILTERED_FINE = "epr, 25 samples", "epr, 25 samples, 4 places of a pixel"
+"""as published: filtered by 25 samples, for which what they need is shaded once, half a place for an eye's pixel (the paper's best choice);
+and more places"""
 REFERENCE_FACTOR = 4
 MIB = 1 << 20
 TARGET_BYTES = 12
@@ -59,6 +61,8 @@ MUST_SPEEDUP, MUST_SHADING, MUST_COUNT = 4.0, 30.0, 20
 PUBLISHED_CUBE_SHARE = 512 / 1920
 """of the picture's width, that cubes of the published baseline have whatever their reflectors' size (Gavane & Watson 2022 b, table 1:
 1.12 to 1.58 million shaded texels a reflector, of 6 * 512 * 512)"""
+LAZILY, FOLLOWED, ADAPTIVELY = "shaded once", "followed, fixed", "followed, adaptive"
+"""how samples of epr are shaded"""
 MAPS, SHADES = "reflection maps", ("reflect", "light reflections", "resolve")
 """stages of a frame"""
 
@@ -118,7 +122,14 @@ def compared_settings(width_px: int) -> dict[str, Settings]:
     points = dataclasses.replace(shaded, reflection_method=ReflectionMethod.IVIR)
     words = {PACKED: ReflectionWords.PACKED, WIDE: ReflectionWords.WIDE}
     published = {name: dataclasses.replace(points, reflection_words=each) for name, each in words.items()}
-    return {PUBLISHED: dataclasses.replace(shaded, reflection_cube_px=cube_px), SMALL: shaded, **published, **deferred}
+    filtered = {FILTERED: filtered_settings(), FILTERED_FINE: filtered_settings(points_per_eye_pixel=4.0)}
+    return {PUBLISHED: dataclasses.replace(shaded, reflection_cube_px=cube_px), SMALL: shaded, **published, **deferred, **filtered}
+
+
+def filtered_settings(sample_count: int = POISSON_SAMPLES, **choices: Any) -> Settings:
+    """epr as published"""
+    lazy = {"reflection_look_up": ReflectionLookUp.LAZY, "reflection_filter": ReflectionFilter.POISSON, "reflection_map_mib": 4096}
+    return settings_with(ReflectionMethod.EPR, sample_count, **lazy, **choices)
 
 
 class StageClock:
@@ -197,9 +208,12 @@ class Frames:
         held_bytes = sum(cloud.most_bytes for cloud in used)
         held_bytes += 0 if work.shaded_points is None else work.shaded_points.byte_count
         held_bytes = held_bytes or TARGET_BYTES * max(each.face_count * each.width_px * each.height_px for each in drawn)
+        kept_bytes = bytes_per_texel(self.plan.settings) * sum(each.texel_count for each in drawn)
+        if self.plan.settings.reflection_look_up is ReflectionLookUp.LAZY:
+            kept_bytes = self.found.map_bytes
         return {
             "samples": sum(cloud.triangle_count + cloud.point_count for cloud in used),
-            "memory_mib": (held_bytes + bytes_per_texel(self.plan.settings) * sum(each.texel_count for each in drawn)) / MIB,
+            "memory_mib": (held_bytes + kept_bytes) / MIB,
             "cube_px": statistics.mean(each.width_px for each in drawn),
             "texels": sum(each.face_count * each.width_px * each.height_px for each in drawn),
             "surface_texels": self._surface_texel_count(maps),
@@ -326,27 +340,32 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def sampled(options: Options, device: Device) -> Iterator[dict[str, Any]]:
-    """epr as published, by points of an eye's pixel and by samples of the filter; from farther and nearer."""
-    reflector_count, triangle_count, width_px = options.pick((5, 200_000, 240), (2, 20_000, 64))
+    """epr as published, by places of the eye's pixel and by samples of the filter, and with rays that are followed, as many and adaptively;
+    from farther and nearer."""
+    reflector_count, triangle_count, width_px = options.pick((MUST_COUNT, 1_000_000, 480), (2, 20_000, 64))
     counts = options.pick((1, 4, 9, 16, POISSON_SAMPLES), (1, 8))
-    kinds = (ReflectionFilter.POISSON, ReflectionFilter.ADAPTIVE)
-    choices = [(share, counts[-1], kind) for share in options.pick((1 / 4, 1 / 2, 1.0), (1 / 2,)) for kind in kinds]
-    # a pixel of fewer has nothing to adapt
-    choices += [(1 / 2, count, kind) for count in counts[:-1] for kind in kinds if kind is kinds[0] or count > 2 * ADAPTIVE_STEP]
+    shares = options.pick((1 / 4, 1 / 2, 1.0), (1 / 2,))
+    choices: dict[tuple[float, int, str], Settings] = {}
+    for share, count in [*((share, counts[-1]) for share in shares), *((1 / 2, count) for count in counts[:-1])]:
+        choices[share, count, LAZILY] = filtered_settings(count, points_per_eye_pixel=share)
+    for name, kind in ((FOLLOWED, ReflectionFilter.POISSON), (ADAPTIVELY, ReflectionFilter.ADAPTIVE)):
+        choices[1 / 2, counts[-1], name] = settings_with(ReflectionMethod.EPR, counts[-1], reflection_filter=kind)
     for distance_m in options.pick((12.0, 7.5, 5.0), (7.5,)):
         scene = scene_of(reflector_count, triangle_count, width_px, distance_m)
-        reference = reference_of(reflector_count, triangle_count, width_px, device, distance_m=distance_m)
+        size = reflector_count, triangle_count, width_px, device
+        references = [reference_of(*size, each, distance_m=distance_m) for each in (ReflectionLookUp.MARCH, ReflectionLookUp.DIRECTION)]
         with contextlib.ExitStack() as stack:
             frames = {}
-            for share, count, kind in choices:
-                settings = settings_with(ReflectionMethod.EPR, count, points_per_eye_pixel=share, reflection_filter=kind)
-                each = frames[f"{share} {count} {kind}"] = Frames(scene, settings, device)
+            for choice, settings in choices.items():
+                each = frames[str(choice)] = Frames(scene, settings, device)
                 stack.callback(each.close)
-            found = dict(measured(frames, options.round_count(full=3, quick=1), reference))
-        for share, count, kind in choices:
-            name = f"{share} {count} {kind}"
-            followed = frames[name].found.rays_per_pixel
-            yield {"share": share, "count": count, "filter": kind.value, "followed": followed, "distance_m": distance_m, **found[name]}
+            found = dict(measured(frames, options.round_count(full=3, quick=1), *references))
+        for choice in choices:
+            share, count, kind = choice
+            row = found[str(choice)]
+            own = row["rmse_by_direction" if kind == LAZILY else "rmse"]
+            followed = frames[str(choice)].found.rays_per_pixel
+            yield {"share": share, "count": count, "kind": kind, "followed": followed, "distance_m": distance_m, **row, "own_rmse": own}
 
 
 def plot_sampled(rows: list[dict[str, Any]], path: Path) -> None:
@@ -358,21 +377,22 @@ def plot_sampled(rows: list[dict[str, Any]], path: Path) -> None:
 
     most = max(row["count"] for row in rows)
     figure, panels = pyplot.subplots(1, 2, figsize=(11, 4.5), layout="constrained", sharey=True)
-    for share, kind in dict.fromkeys((row["share"], row["filter"]) for row in rows if row["count"] == most):
-        own = [row for row in rows if (row["share"], row["filter"], row["count"]) == (share, kind, most)]
-        label = f"rho_scale {share:g}, {'fixed' if kind == 'poisson' else kind}"
-        panels[0].plot([row["total_cpu_ms"] for row in own], [row["rmse"] for row in own], marker="o", label=label)
-    for distance_m, kind in dict.fromkeys((row["distance_m"], row["filter"]) for row in rows):
-        own = [row for row in rows if (row["distance_m"], row["filter"], row["share"]) == (distance_m, kind, 0.5)]
+    for share, kind in dict.fromkeys((row["share"], row["kind"]) for row in rows if row["count"] == most):
+        own = [row for row in rows if (row["share"], row["kind"], row["count"]) == (share, kind, most)]
+        label = f"rho_scale {share:g}, {kind}"
+        panels[0].plot([row["total_cpu_ms"] for row in own], [row["own_rmse"] for row in own], marker="o", label=label)
+    for distance_m in dict.fromkeys(row["distance_m"] for row in rows):
+        own = [row for row in rows if (row["distance_m"], row["kind"], row["share"]) == (distance_m, LAZILY, 0.5)]
         own.sort(key=lambda row: row["count"])
-        label = f"eye {distance_m:g} m away, {'fixed' if kind == 'poisson' else kind}"
-        panels[1].plot([row["total_cpu_ms"] for row in own], [row["rmse"] for row in own], marker="o", label=label)
+        label = f"eye {distance_m:g} m away"
+        panels[1].plot([row["total_cpu_ms"] for row in own], [row["own_rmse"] for row in own], marker="o", label=label)
         for row in own:
-            panels[1].annotate(str(row["count"]), (row["total_cpu_ms"], row["rmse"]), fontsize=7)
+            panels[1].annotate(str(row["count"]), (row["total_cpu_ms"], row["own_rmse"]), fontsize=7)
     panels[0].set_title(f"{most} samples, eye nearer and nearer", fontsize=10)
-    panels[1].set_title("rho_scale 0.5, by samples of a pixel", fontsize=10)
+    panels[1].set_title("rho_scale 0.5, shaded once, by samples of a pixel", fontsize=10)
+    panels[0].set_xscale("log")
     for axes in panels:
-        axes.set(xlabel="a frame, ms of all processors", ylabel="RMSE", xscale="log")
+        axes.set(xlabel="a frame, ms of all processors", ylabel="RMSE")
         axes.set_ylim(bottom=0.0)
         axes.grid(which="both", alpha=0.3)
         axes.legend(fontsize=8)
@@ -397,18 +417,20 @@ def table_of_samples(rows: list[dict[str, Any]]) -> BenchTable:
         title="epr as published by points of the eye's pixel (rho_scale) and samples of its filter",
         compared=(
             "The scene of reflections, with the eye nearer and farther; medians; RMSE of values up to 1 against mvr at "
-            f"{REFERENCE_FACTOR} times the resolution with rays followed. Plotted in reflections_sampling.png."
+            f"{REFERENCE_FACTOR} times the resolution, with rays followed as these are, or looked up by direction as '{LAZILY}'. Plotted "
+            "in reflections_sampling.png."
         ),
         columns=(
             Column("distance_m", "eye, m away", "{:g}"),
             Column("share", "points of a pixel", "{:g}"),
-            Column("filter", "filter"),
+            Column("kind", "samples are"),
             Column("count", "samples"),
             Column("followed", "followed", "{:.1f}"),
             Column("samples", "samples in the cloud", "{:,.0f}"),
+            Column("shaded", "shaded", "{:,}"),
             Column("total_ms", "frame, ms", "{:.0f}"),
             Column("total_cpu_ms", "processors, ms", "{:.0f}"),
-            Column("rmse", "RMSE", "{:.4f}"),
+            Column("own_rmse", "RMSE", "{:.4f}"),
         ),
         rows=rows,
     )
@@ -452,9 +474,9 @@ def tables(rows: list[dict[str, Any]], swept: list[dict[str, Any]], triangle_cou
                 "these do. Shaded: surfaces in an eye sample's frame, texels of cubes that see one or what rays meet. RMSE "
                 f"against mvr at {REFERENCE_FACTOR} times the resolution with rays followed, on pixels of reflectors, up to 1: "
                 "parallax is in it where cubes are looked up by direction; 'by direction': against the same mvr looked up by direction. "
-                f"'{PACKED}' and '{WIDE}': points that are shaded and splatted as published, shaded texels and points counted. All with "
-                "one ray of a pixel: the paper's epr filters 25 samples, "
-                "which take some 12 times as long here. MiB count all that shaded cubes keep."
+                f"'{PACKED}' and '{WIDE}': points that are shaded and splatted as published, shaded texels and points counted. All of "
+                f"these with one ray of a pixel. '{FILTERED}' is epr as published, looked up by direction and filtered, what is needed "
+                f"shaded once, and '{FILTERED_FINE}' with finer shading. MiB count all that shaded cubes keep."
             ),
             columns=(
                 Column("reflectors", "reflectors"),

@@ -265,6 +265,7 @@ def test_exit_statuses(blend, folder):
             ("plan", blend, "--effects", "reflection", "--reflection-method", "mvr", "--points-per-eye-pixel", "1"),
         ),
         (2, "--reflection-look-up does nothing without", ("plan", blend, "--reflection-look-up", "shaded", "--reflection-cube", "64")),
+        (2, "choose the reflection filter poisson", ("plan", blend, "--effects", "reflection", "--reflection-look-up", "lazy")),
         (2, "--points-per-eye-pixel does nothing without", ("plan", blend, "--points-per-eye-pixel", "1")),
         (2, "in steps of 32, not 100", ("plan", blend, "--effects", "reflection", "--reflection-cube", "100")),
         (2, "samples of a pixel, not 0", ("plan", blend, "--reflection-samples", "0")),

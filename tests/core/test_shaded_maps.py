@@ -18,6 +18,7 @@ from tests.scenes import (
     render_batches,
     snapshot,
 )
+from vir_addon.core.cost import SHADING_NS_PER_TEXEL
 from vir_addon.core.errors import UsageError
 from vir_addon.core.material import World
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
@@ -143,10 +144,13 @@ def test_shaded_cubes_show_one_bounce_and_flat_mirrors_have_them_too():
 def test_plans_count_the_shading_of_every_texel_in_every_round():
     scene = ball_in_a_box()
     predicted = {}
-    for look_up in ReflectionLookUp:
+    for look_up in (ReflectionLookUp.MARCH, ReflectionLookUp.DIRECTION, ReflectionLookUp.SHADED):
         for count in (1, 4):
             settings = Settings(reflection_look_up=look_up, reflection_sample_count=count, **MVR)
             predicted[look_up, count] = plan(scene, settings).reflections.predicted_ms
     assert predicted[ReflectionLookUp.DIRECTION, 1] == predicted[ReflectionLookUp.MARCH, 1]
-    first, fourth = (predicted[ReflectionLookUp.SHADED, count] - predicted[ReflectionLookUp.MARCH, count] for count in (1, 4))
-    assert first > 0 and fourth == pytest.approx(4 * first)
+    texels = sum(each.texel_count for each in plan(scene, settings).reflections.maps)
+    more_ms = predicted[ReflectionLookUp.SHADED, 4] - predicted[ReflectionLookUp.SHADED, 1]
+    assert more_ms > 3 * texels * SHADING_NS_PER_TEXEL * 1e-6
+    # and of no ray that is followed
+    assert more_ms < 3.5 * texels * SHADING_NS_PER_TEXEL * 1e-6

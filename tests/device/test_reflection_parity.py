@@ -17,7 +17,7 @@ from vir_addon.core.passes import eye
 from vir_addon.core.passes.scene_data import SceneData
 from vir_addon.core.plan import plan
 from vir_addon.core.render import Renderer
-from vir_addon.core.settings import Effect, ReflectionLookUp, ReflectionMethod, ReflectionWords, Settings
+from vir_addon.core.settings import Effect, ReflectionFilter, ReflectionLookUp, ReflectionMethod, ReflectionWords, Settings
 from vir_addon.core.steps import run_steps
 from vir_addon.device.owned import Owned
 
@@ -32,6 +32,7 @@ def words(kind):
         *({"reflection_method": method} for method in (ReflectionMethod.MVR, ReflectionMethod.IVIR, ReflectionMethod.EPR)),
         words(ReflectionWords.PACKED),
         words(ReflectionWords.WIDE),
+        {"reflection_look_up": ReflectionLookUp.LAZY, "reflection_filter": ReflectionFilter.POISSON},
     ],
 )
 def test_reflections_are_the_same_on_both_devices(both, choices):

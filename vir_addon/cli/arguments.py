@@ -248,9 +248,10 @@ def _add_reflection_arguments(parser: argparse.ArgumentParser) -> None:
         "--reflection-look-up",
         type=partial(_parse_choice, ReflectionLookUp),
         default=defaults.reflection_look_up,
-        metavar="march|direction|shaded",
+        metavar="|".join(each.value for each in ReflectionLookUp),
         help="follow rays through the depths of reflectors' maps (default), or look them up by direction as published: things slide; "
-        "shaded: the same in cubes that are shaded whole and mip-mapped, the papers' baseline",
+        "shaded: the same in cubes that are shaded whole and mip-mapped, the papers' baseline; lazy: by all samples of --reflection-filter "
+        "poisson at once, and what they need is shaded once, as densely as --points-per-eye-pixel says",
     )
     group.add_argument(
         "--reflection-words",
@@ -278,7 +279,8 @@ def _add_reflection_arguments(parser: argparse.ArgumentParser) -> None:
         "--points-per-eye-pixel",
         type=float,
         metavar="N",
-        help=f"samples of an eye's pixel in cubes made with epr; default {defaults.points_per_eye_pixel:g}",
+        help="samples of an eye's pixel in cubes made with epr, and places shaded for it with lazy look-ups; default "
+        f"{defaults.points_per_eye_pixel:g}",
     )
     group.add_argument(
         "--no-planar",
@@ -321,7 +323,8 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
     if Effect.REFLECTION not in arguments.effects:
         _refuse_options_of_reflections(arguments)
     if arguments.points_per_eye_pixel is not None:
-        if arguments.reflection_method not in (ReflectionMethod.AUTO, ReflectionMethod.EPR):
+        is_lazy = arguments.reflection_look_up is ReflectionLookUp.LAZY
+        if arguments.reflection_method not in (ReflectionMethod.AUTO, ReflectionMethod.EPR) and not is_lazy:
             raise UsageError(
                 f"--points-per-eye-pixel does nothing with the reflection method {arguments.reflection_method.value}; leave it out, "
                 f"or choose {ReflectionMethod.EPR.value}"

@@ -109,6 +109,8 @@ def _found(found: ReflectionStatistics) -> str:
     """What became of the rays."""
     if found.look_up == ReflectionLookUp.SHADED.value:
         return f"{found.ray_count:,} rays, all looked up by direction"
+    if found.look_up == ReflectionLookUp.LAZY.value:
+        return f"{found.ray_count:,} rays, all looked up by direction, {found.shaded_count:,} places shaded for them"
     if found.look_up == ReflectionLookUp.DIRECTION.value:
         shares = f"{found.by_direction_share:.1%} see a surface, {found.left_share:.1%} none"
         return f"of {found.ray_count:,} rays, all looked up by direction, {shares}"

@@ -35,6 +35,13 @@ SHADING_NS_PER_TEXEL = 850.0
 LOOK_UPS_PER_RAY = 900.0
 """A reflected ray, and the one that the world lights its hit along, took about ten microseconds on a software rasterizer."""
 """of a software rasterizer; on a GPU none of these was measured yet"""
+LOOK_UPS_PER_SHADED_RAY, LOOK_UPS_PER_SAMPLE = 70.0, 20.0
+"""of cubes whose texels are shaded, which no ray is followed through: reflecting it took .7 microseconds, and each of 25 samples
+that are marked and filtered .2"""
+NEEDED_PLACE_NS = 1600.0
+"""of a texel that samples need: .5 s for 325,000"""
+PLACES_PER_EYE_POINT = 1.6
+"""that are shaded for a point of the eye's pixels: blocks of texels go by powers of 2, and several pixels share those between them"""
 FACES_OF_INSTANCE = 2
 """of a cube, that an instance is drawn for; others do not see it"""
 IVIR_SHARE = 1.3
@@ -169,15 +176,22 @@ def reflections_ms(snapshot: SceneSnapshot, settings: Settings, planned: Planned
     """Maps of all reflectors, rays of all rounds as if all were followed, and texels that are shaded; not the light on what rays
     meet, which is the lights'."""
     texels = sum(each.texel_count for each in planned.maps)
-    rays = round_count * planned.bounces * sum(math.prod(reflector.covered_px) for reflector in planned.reflectors)
+    pixels = sum(math.prod(reflector.covered_px) for reflector in planned.reflectors)
+    rays = round_count * planned.bounces * pixels
     maps_ms = sum(
         cubes_ms(snapshot, settings, [each for each in planned.maps if each.method is method], method)
         for method in ReflectionMethod
         if method is not ReflectionMethod.AUTO
     )
-    shaded_texels = texels * round_count * (settings.reflection_look_up is ReflectionLookUp.SHADED)
-    texels_ns = texels * MAP_NS_PER_TEXEL + shaded_texels * SHADING_NS_PER_TEXEL
-    return maps_ms + (texels_ns + rays * LOOK_UPS_PER_RAY * RATES[settings.hardware].look_up) * 1e-6
+    look_ups, texels_ns = LOOK_UPS_PER_RAY, texels * MAP_NS_PER_TEXEL
+    if settings.reflection_look_up is ReflectionLookUp.SHADED:
+        look_ups = LOOK_UPS_PER_SHADED_RAY
+        texels_ns += round_count * texels * SHADING_NS_PER_TEXEL
+    elif settings.reflection_look_up is ReflectionLookUp.LAZY:
+        look_ups = LOOK_UPS_PER_SAMPLE
+        # once, as if all samples were of one batch
+        texels_ns += min(texels, rays, PLACES_PER_EYE_POINT * settings.points_per_eye_pixel * pixels) * NEEDED_PLACE_NS
+    return maps_ms + (texels_ns + rays * look_ups * RATES[settings.hardware].look_up) * 1e-6
 
 
 def cubes_ms(snapshot: SceneSnapshot, settings: Settings, maps: Sequence[ReflectionMap], method: ReflectionMethod) -> float:

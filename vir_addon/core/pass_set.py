@@ -143,7 +143,7 @@ class ReflectionStatistics:
     map_texel_count: int = 0
     """of all levels"""
     map_bytes: int = 0
-    """that these take, with what shaded cubes keep of every texel"""
+    """that these take, with what is kept of every texel that is shaded"""
     look_up: str = ""
     """how rays look maps up, the name of a ReflectionLookUp"""
     splatted_map_count: int = 0
@@ -163,7 +163,8 @@ class ReflectionStatistics:
     left_share: float = 0.0
     """those that left the scene and show the world"""
     shaded_count: int = 0
-    """surfaces that are shaded for an eye sample: those that its rays met, or all that whole shaded cubes see"""
+    """surfaces that are shaded for an eye sample: those that its rays met, all that whole shaded cubes see, or those of their texels
+    that samples need"""
     rays_per_pixel: float = 0.0
     """that shows a reflector, of the first bounce; fewer than asked for where their number adapts"""
     error_estimate: float = 0.0

@@ -28,7 +28,7 @@ from .light_plan import (
 from .pass_set import unique_pass_names
 from .passes.eye import least_visibility_size
 from .reflections.reflectors import PlannedReflections, choose_reflectors
-from .reflections.rounds import ReflectionRounds, least_ray_batches, plan_rounds
+from .reflections.rounds import ReflectionRounds, least_ray_batches, plan_rounds, wanted_rounds
 from .sampling import pixel_offsets
 from .scene import Light, SceneSnapshot, has_same_picture
 from .settings import Effect, Hardware, Method, PointGeneration, ReflectionFilter, Settings
@@ -228,7 +228,7 @@ def check_device(render_plan: RenderPlan, device: Device) -> None:
 
         def batches_of(px: int) -> int:
             count = light_batch_count(most_views, px, render_plan.settings, only_reflects, render_plan.most_edge_samples)
-            return least_ray_batches(render_plan.settings.reflection_sample_count, count) if reflects else count
+            return least_ray_batches(wanted_rounds(render_plan.settings), count) if reflects else count
 
         fitting_px = next(px for px in range(resolution_px, 0, -1) if px * math.ceil(mapped_views / batches_of(px)) <= limit_px)
         raise UsageError(

@@ -78,6 +78,15 @@ class ReflectionLookUp(enum.Enum):
     """Maps are looked up as if all were infinitely far away, as published."""
     SHADED = "shaded"
     """So are cubes that are shaded whole before, and mip-mapped: the papers' baseline. One bounce, no mirrored views."""
+    LAZY = "lazy"
+    """So are cubes by all samples of a pixel at once, and of their texels those that any asks for are shaded, once each, and filtered: the
+    eye-based deferred shading of Gavane & Watson 2022 b (sections 4.1.2 and 4.1.3). Blocks of texels of one object share what is shaded,
+    as those of a splat do there, with `points_per_eye_pixel` of them for a pixel. One bounce, no mirrored views."""
+
+    @property
+    def shades_texels(self) -> bool:
+        """not what rays meet"""
+        return self in (ReflectionLookUp.SHADED, ReflectionLookUp.LAZY)
 
 
 class ReflectionWords(enum.Enum):
@@ -198,7 +207,8 @@ class Settings:
     """rays of every pixel that shows a reflector, each at another place in the pixel and, on rough surfaces, in another direction"""
     reflection_filter: ReflectionFilter = ReflectionFilter.EYE
     points_per_eye_pixel: float = 0.5
-    """rho_scale of epr's cubes, for which the paper found a half best: fewer samples are larger splats"""
+    """rho_scale of epr's cubes, for which the paper found a half best: fewer samples are larger splats; and with lazy look-ups places that
+    are shaded for a pixel"""
     per_reflector: bool = False
     """a pair of reflection passes of each reflecting object besides"""
     reflection_map_mib: int = 256
@@ -209,7 +219,7 @@ class Settings:
     @property
     def has_mirrored_views(self) -> bool:
         """Whether flat reflectors may have one."""
-        return self.planar and self.reflection_look_up is not ReflectionLookUp.SHADED
+        return self.planar and not self.reflection_look_up.shades_texels
 
     @property
     def is_adaptive(self) -> bool:
@@ -252,8 +262,14 @@ class Settings:
             raise UsageError(f"choose at least one effect: {', '.join(effect.value for effect in Effect)}")
         if self.bounces is not None and not 1 <= self.bounces <= MAX_BOUNCES:
             raise UsageError(f"reflections may bounce 1 to {MAX_BOUNCES} times, not {self.bounces}")
-        if self.reflection_look_up is ReflectionLookUp.SHADED and self.bounces not in (None, 1):
-            raise UsageError(f"shaded cubes show one bounce, not {self.bounces}: choose another look-up for more")
+        look_up = self.reflection_look_up
+        if look_up.shades_texels and self.bounces not in (None, 1):
+            raise UsageError(f"{look_up.value} cubes show one bounce, not {self.bounces}: choose another look-up for more")
+        if look_up is ReflectionLookUp.LAZY and self.reflection_filter is not ReflectionFilter.POISSON:
+            raise UsageError(
+                f"{look_up.value} look-ups are of all samples from one eye sample: choose the reflection filter "
+                f"{ReflectionFilter.POISSON.value}, not {self.reflection_filter.value}"
+            )
         is_shaded_ivir = self.reflection_look_up is ReflectionLookUp.SHADED and self.reflection_method is ReflectionMethod.IVIR
         if self.reflection_words is not ReflectionWords.NUMBERS and not is_shaded_ivir:
             raise UsageError(

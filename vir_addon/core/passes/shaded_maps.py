@@ -15,6 +15,7 @@ from ...device.owned import Owned
 from .reflection_maps import HEADER_DEFINE, MAP_LEVELS, MAP_NUMBER, MAP_TEXTURES, ReflectionMaps
 from .reflections import (
     DIRECTIONS,
+    NO_RAY,
     NORMALS,
     ORIGINS,
     POSITIONS,
@@ -108,12 +109,11 @@ class ShadedPlaces:
         """LINEAR_TEXTURE_WIDTH wide; is_used: (rows, columns) bool, tiles that hold any"""
         self.device, self.is_used = device, is_used
         self.size = LINEAR_TEXTURE_WIDTH, height
-        fill = device.compute_kernel(FILL_TEXELS)
         with Owned() as owned:
 
             def texture(fourth: float = 0.0) -> Texture:
                 made = owned.own(device.create_texture(*self.size, TextureFormat.RGBA32F))
-                fill.dispatch_grid(self.size, filled=made, width=self.size[0], height=self.size[1], fourth=fourth)
+                self._fill(made, fourth)
                 return made
 
             self.normals, self.surfaces, self.scatterings, self.glosses = (texture() for _ in range(4))
@@ -122,8 +122,20 @@ class ShadedPlaces:
             self.positions = texture(-1.0)
             self.tiles = owned.own(Tiles(device, is_used))
             self._owned = owned.pop_all()
-        self.shaded_count = 0
-        """places on a surface"""
+
+    def forget(self) -> None:
+        """From now on no place is used."""
+        self._fill(self.positions, -1.0)
+        self._fill(self.surfaces, float(NO_RAY))
+
+    def _fill(self, filled: Texture, fourth: float) -> None:
+        width, height = self.size
+        kernel = self.device.compute_kernel(FILL_TEXELS)
+        kernel.dispatch_grid(self.size, filled=filled, width=width, height=height, fourth=fourth)
+
+    def count_shaded(self) -> int:
+        """Places on a surface."""
+        return int((self.device.read(self.positions)[..., 3] >= 0).sum())
 
     def release(self) -> None:
         self._owned.close()
@@ -162,7 +174,6 @@ class ShadedMaps(ShadedPlaces):
                 surfaces=self.surfaces,
                 map_number=number,
             )
-        self.shaded_count = int((self.device.read(self.positions)[..., 3] >= 0).sum())
 
     def make_levels(self) -> None:
         """Once the finest is shaded."""

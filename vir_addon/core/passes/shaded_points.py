@@ -189,7 +189,6 @@ class ShadedPoints(ShadedPlaces):
         is_used = np.zeros(grid_shape(LINEAR_TEXTURE_WIDTH, height), bool)
         is_used[: -(-height // TILE_PX)] = True
         super().__init__(self.maps.device, height, is_used)
-        self.shaded_count = cloud.count
         self._view_texels = _view_texels(len(cloud.numbers))
         drawn = [self.maps.maps[number] for number in cloud.numbers]
         nearest_m, farthest_m = min(each.near_m for each in drawn), max(each.reach_m for each in drawn)

@@ -14,7 +14,7 @@ from ..material_program import typical_value
 from ..passes.reflection_maps import BYTES_PER_TEXEL, FURTHER_MAPS, MAP_SIZE_STEP_PX, ReflectionMap
 from ..passes.shaded_maps import SHADED_BYTES_PER_TEXEL
 from ..scene import SceneSnapshot
-from ..settings import ReflectionLookUp, Settings
+from ..settings import Settings
 from .map_methods import with_methods
 from .seen_places import Candidate, SeenPlaces, near_each_other
 from .views import (
@@ -153,7 +153,7 @@ def choose_reflectors(
             others.append((name, own, bool(in_picture[own].any())))
     groups, left_out = _sharing_maps(snapshot, candidates)
     # a single one has nothing to see itself in
-    most_bounces = 1 if settings.reflection_look_up is ReflectionLookUp.SHADED else DEFAULT_BOUNCES
+    most_bounces = 1 if settings.reflection_look_up.shades_texels else DEFAULT_BOUNCES
     bounces = settings.bounces or (most_bounces if len(groups) > 1 else 1)
     found = [
         _plan_group(snapshot, bounds, group, settings, is_measured=seen is not None)
@@ -295,7 +295,7 @@ def _plan_reflector(
     own_cubes: tuple[ReflectionMap, ...] = ()
     # cubes of itself serve rays from everywhere, so they do not come and go with the eye
     is_convex, is_convex_to_eye = convexity(snapshot, own)
-    if not is_convex and settings.reflection_look_up is not ReflectionLookUp.SHADED:
+    if not is_convex and not settings.reflection_look_up.shades_texels:
         own_cubes = cubes_of_itself(snapshot, bounds, own, min(side_px, ASIDE_MAP_PX))
         if own_cubes and not is_convex_to_eye and not snapshot.camera.is_orthographic:
             itself = eye_view(snapshot, bounds, own)
@@ -312,7 +312,7 @@ def _plan_reflector(
 
 def bytes_per_texel(settings: Settings) -> int:
     """of maps, and of what is kept of each texel where they are shaded whole"""
-    return BYTES_PER_TEXEL + SHADED_BYTES_PER_TEXEL * (settings.reflection_look_up is ReflectionLookUp.SHADED)
+    return BYTES_PER_TEXEL + SHADED_BYTES_PER_TEXEL * settings.reflection_look_up.shades_texels
 
 
 def _within_memory(reflectors: list[Reflector], memory_mib: float, settings: Settings) -> list[Reflector]:

@@ -45,10 +45,11 @@ def plan_rounds(
     batch_count: what the lights call for; view_counts: of the lights; eye_samples_of: how many of each of so many batches shadows call for,
     which are rounds as well, if there is memory for them
     """
-    rounds, kept_bounces = min(math.ceil(settings.reflection_sample_count / batch_count), _most_rounds(settings)), bounces
+    wanted_count = wanted_rounds(settings)
+    rounds, kept_bounces = min(math.ceil(wanted_count / batch_count), _most_rounds(settings)), bounces
     while rounds > 1 and hits_mib(snapshot, rounds, bounces) > MAX_HITS_MIB:
         rounds -= 1
-    wanted = math.ceil(settings.reflection_sample_count / rounds)
+    wanted = math.ceil(wanted_count / rounds)
     batch_count = _even_batch_count(max(wanted, batch_count), tuple(view_counts))
     eye_samples = eye_samples_of(batch_count)
     while rounds < eye_samples and hits_mib(snapshot, rounds + 1, bounces) <= MAX_HITS_MIB:
@@ -65,10 +66,21 @@ def plan_rounds(
     return ReflectionRounds(batch_count, rounds, kept_bounces, note)
 
 
+def wanted_rounds(settings: Settings) -> int:
+    """of all batches together, by what rays call for"""
+    return 1 if settings.reflection_look_up is ReflectionLookUp.LAZY else settings.reflection_sample_count
+
+
+def samples_per_round(settings: Settings, round_count: int) -> int:
+    """Rays of a pixel from an eye sample."""
+    is_lazy = settings.reflection_look_up is ReflectionLookUp.LAZY
+    return math.ceil(settings.reflection_sample_count / round_count) if is_lazy else 1
+
+
 def _most_rounds(settings: Settings) -> int:
     """of a batch"""
     count = settings.reflection_sample_count
-    if settings.reflection_look_up is ReflectionLookUp.SHADED:
+    if settings.reflection_look_up.shades_texels:
         return 1  # what is shaded is looked up when all lights are in
     if settings.reflection_filter is ReflectionFilter.POISSON and count % MAX_ROUNDS_PER_BATCH and count % (MAX_ROUNDS_PER_BATCH + 1) == 0:
         return MAX_ROUNDS_PER_BATCH + 1  # 25 as published, not 28

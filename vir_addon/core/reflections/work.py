@@ -17,7 +17,8 @@ from ..pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, Reflect
 from ..passes.accumulate import ERROR_TILE_PX
 from ..passes.emitters import Emitters
 from ..passes.eye import EyePass, GBuffer
-from ..passes.reflection_maps import ReflectionMaps
+from ..passes.needed_texels import FILTER_NEEDED, MARK_NEEDED, NEEDED_SURFACES, NeededMarks, NeededPlaces
+from ..passes.reflection_maps import BYTES_PER_TEXEL, ReflectionMaps
 from ..passes.reflections import (
     ADD_REFLECTIONS,
     HIT_MATERIALS,
@@ -47,6 +48,7 @@ from ..steps import Allocation, HostWork, Steps, compiling
 from ..stopwatch import Stopwatch
 from .reflector_passes import ReflectorPasses
 from .reflectors import PlannedReflections, bytes_per_texel, memory_for_maps, reflects, with_met
+from .rounds import samples_per_round
 from .seen_places import SeenPlaces
 
 DRAWN = (Shown.REFLECTION, Shown.REFLECTION_COLOR, Shown.REFLECTED)
@@ -55,6 +57,8 @@ FITTED_BATCHES = 4
 """that lights' maps are fitted to, where rough surfaces send rays elsewhere in each"""
 LEAST_SETTLING_VIEWS = 4
 """of a light: a pixel whose rays agree after fewer has the noise of these few, which all rays of a batch share"""
+PLACES_MARGIN = 1.1
+"""room for places that other rounds' samples need: a little more or less than the first's"""
 MAX_FITTED_HITS = 1 << 23
 """places that are kept of them"""
 
@@ -96,16 +100,20 @@ class ReflectionWork:
         self.tiles_shown = np.zeros(grid_shape(width, height), bool)
         """(rows, columns) of the picture that show a reflector"""
         round_count = plan.batch_count * len(parts)
-        sequences = [shuffled_unit_square_points(round_count, stable_seed(f"reflection {k}")) for k in range(2 * planned.bounces)]
-        self.samples = np.stack(sequences, axis=1).reshape(round_count, 2, planned.bounces, 2)
-        """of facets and of directions that light comes from: (rounds, 2, bounces, 2)"""
+        self.is_lazy = plan.settings.reflection_look_up is ReflectionLookUp.LAZY
+        self.samples_per_round = samples_per_round(plan.settings, round_count)
+        """rays of a pixel, one after another in what follows"""
+        ray_count = round_count * self.samples_per_round
+        sequences = [shuffled_unit_square_points(ray_count, stable_seed(f"reflection {k}")) for k in range(2 * planned.bounces)]
+        self.samples = np.stack(sequences, axis=1).reshape(ray_count, 2, planned.bounces, 2)
+        """of facets and of directions that light comes from: (rays, 2, bounces, 2)"""
         snapshot = surfaces.snapshot
         self.filter = plan.settings.reflection_filter
         self.is_adaptive = self.filter is ReflectionFilter.ADAPTIVE
-        self.places_px = np.zeros((round_count, 2))
-        """(rounds, 2) where in their pixels rays are from, but for those that are from where the eye's samples are"""
+        self.places_px = np.zeros((ray_count, 2))
+        """(rays, 2) where in their pixels rays are from, but for those that are from where the eye's samples are"""
         if self.filter is not ReflectionFilter.EYE:
-            self.places_px = poisson_offsets(snapshot.pixel_filter, round_count)
+            self.places_px = poisson_offsets(snapshot.pixel_filter, ray_count)
         self.offsets_px = pixel_offsets(snapshot.pixel_filter, plan.eye_sample_count)
         self.recursive_rounds = _recursive_rounds(self.filter, round_count)
         self.least_rounds = len(parts) * _least_batches(plan)
@@ -120,6 +128,7 @@ class ReflectionWork:
         """from `preparing` on, as what else rays are kept in: of each of a batch's eye samples, bounce by bounce"""
         zeros = np.zeros((height, width, 4), np.float32)
         self._emitters, self.emitter_count = emitters, emitters.triangle_count
+        self._lit_tiles: dict[tuple[int, ShadedPlaces | None], Tiles] = {}
         self._drawn = Owned()
         """maps, which instances have which, and what shines"""
         with Owned() as owned:
@@ -138,8 +147,14 @@ class ReflectionWork:
             self.shaded_points: ShadedPoints | None = None
             self.kept_points: ReflectedPoints | None = None
             """to be shaded themselves"""
+            self.marks: NeededMarks | None = None
+            """with `is_lazy`, as what follows"""
+            self.places: NeededPlaces | None = None
+            self._of_samples: dict[str, object] = {}
+            """what both walks over a round's samples take"""
+            self._of_places = Owned()
+            owned.callback(self._forget_places)
             self._owned = owned.pop_all()
-        self._lit_tiles: dict[tuple[int, ShadedPlaces | None], Tiles] = {}
 
     def _allocating(self) -> Generator[None, None, None]:
         """Create what rays are kept in."""
@@ -207,7 +222,11 @@ class ReflectionWork:
         yield from stopwatch.stages("upload", self._allocating())
         while True:
             yield from self.drawing_maps(stopwatch)
-            if self.plan.settings.reflection_look_up is ReflectionLookUp.SHADED:
+            if self.is_lazy:
+                yield from compiling(self.device, FILL_TEXELS)
+                yield from compiling(self.device, NEEDED_SURFACES)
+                self.marks = self._owned.own(NeededMarks(self.maps, self._seen_maps))
+            elif self.plan.settings.reflection_look_up is ReflectionLookUp.SHADED:
                 yield from compiling(self.device, FILL_TEXELS)
                 yield from compiling(self.device, TEXEL_SURFACES)
                 with stopwatch.stage("reflection maps"):
@@ -244,8 +263,7 @@ class ReflectionWork:
 
     def _shade_texels(self) -> None:
         """From now on what the maps for what the eye sees show is what lights are looked up for."""
-        own = self.planned.instance_maps(len(self.scene_data.snapshot.instances))[:, 0]
-        maps = self.shaded_maps = self._owned.own(ShadedMaps(self.maps, {int(number) for number in own if number >= 0}))
+        maps = self.shaded_maps = self._owned.own(ShadedMaps(self.maps, self._seen_maps))
         maps.find_surfaces()
         places: list[ShadedPlaces] = [maps]
         if self.kept_points is not None:
@@ -254,17 +272,22 @@ class ReflectionWork:
             points.find_surfaces()
             places.append(points)
             self.statistics.map_bytes += points.byte_count
-        for each in places:
-            buffer = GBuffer(each.positions, each.normals)
-            self.texel_hits.append(Hits(0, buffer, each.rays["ray_origins"], each.scatterings, each.glosses, each.sums, each))
+        self.texel_hits = [_hits_of_places(each) for each in places]
+
+    @property
+    def _seen_maps(self) -> set[int]:
+        """numbers of the maps for what the eye sees"""
+        own = self.planned.instance_maps(len(self.scene_data.snapshot.instances))[:, 0]
+        return {int(number) for number in own if number >= 0}
 
     def lit_tiles(self, turn: int, hits: Hits) -> Tiles:
         """The hits' tiles for RESOLVE. turn: as of TURN_DEFINES"""
         key = turn, hits.texels
         if key not in self._lit_tiles:
+            owned = self._owned if self.places is None else self._of_places
             shown = self.tiles_shown if hits.texels is None else hits.texels.is_used
             numbers = np.broadcast_to((float(turn), 0.0), (*shown.shape, 2))
-            self._lit_tiles[key] = self._owned.own(Tiles(self.device, shown, numbers))
+            self._lit_tiles[key] = owned.own(Tiles(self.device, shown, numbers))
         return self._lit_tiles[key]
 
     def tracing(self, offsets: list[int], batch: int, stopwatch: Stopwatch) -> Steps:
@@ -273,8 +296,11 @@ class ReflectionWork:
             seen = {**self.eye.buffers[part]._asdict(), "surfaces": self.eye.triangles[part]}
             round_number = batch * len(offsets) + part
             self._followed[part] = self.planned.bounces if self.recursive_rounds[round_number] else 1
-            if self.texel_hits:
-                yield from stopwatch.stages("reflect", self._reflecting(seen, part, 0, offset, round_number))
+            if self.plan.settings.reflection_look_up.shades_texels:
+                reflecting = (
+                    self._marking(seen, offset, round_number) if self.is_lazy else self._reflecting(seen, part, 0, offset, round_number)
+                )
+                yield from stopwatch.stages("reflect", reflecting)
                 for hits in self.texel_hits:
                     yield from stopwatch.stages("reflect", self._meeting(hits, 0, round_number))
                 continue
@@ -308,11 +334,53 @@ class ReflectionWork:
         )
         yield
 
+    def _marking(self, seen: dict[str, Texture], offset: int, round_number: int) -> Generator[None, None, None]:
+        """Which texels the samples of a round need, and what these see. seen: as of `_reflecting`"""
+        assert self.marks is not None
+        rays = slice(round_number * self.samples_per_round, (round_number + 1) * self.samples_per_round)
+        self._of_samples = {
+            **self.scene_data.bindings,
+            **self.materials.bindings,
+            **seen,
+            "corner_normals": self.scene_data.corner_normals,
+            "instance_maps": self.instance_maps,
+            "map_headers": self.maps.headers,
+            "map_texels": self.maps.texels,
+            "places_per_pixel": self.plan.settings.points_per_eye_pixel,
+            "eye": self.eye.eye_table(offset),
+            "samples": np.hstack([self.places_px[rays] - self.offsets_px[offset], self.samples[rays, 0, 0]]),
+            "sample_count": self.samples_per_round,
+        }
+        self.marks.clear()
+        kernel = yield from compiling(self.device, MARK_NEEDED, *self.materials.flags)
+        marked = {"needed": self.marks.texture, "colors": self.colors[0]}
+        yield from self._walking(kernel, **self._of_samples, **marked)
+        yield
+        texels = self.marks.read()
+        count = sum(len(each) for each in texels.values())
+        if self.places is None or count > self.places.capacity:
+            self._forget_places()
+            self.places = self._of_places.own(NeededPlaces(self.marks, math.ceil(PLACES_MARGIN * count)))
+            self.texel_hits = [_hits_of_places(self.places)]
+            self.statistics.map_bytes = self._lazy_bytes
+        self.places.find_surfaces(texels)
+        yield
+
+    @property
+    def _lazy_bytes(self) -> int:
+        """of maps, marks and places"""
+        assert self.marks is not None and self.places is not None
+        return self.statistics.map_texel_count * BYTES_PER_TEXEL + self.marks.texture.byte_count + self.places.byte_count
+
+    def _forget_places(self) -> None:
+        self._of_places.close()
+        self._lit_tiles.clear()
+
     def _meeting(self, hits: Hits, bounce: int, round_number: int) -> Generator[None, None, None]:
         """What rays meet, or what was met before by all texels or points, and what surroundings bring to it."""
         flags = ["BY_DIRECTION"] * (self.plan.settings.reflection_look_up is not ReflectionLookUp.MARCH)
         part, texels = hits.part, hits.texels
-        _, light = self.samples[round_number % len(self.samples), :, bounce]
+        _, light = self.samples[round_number * self.samples_per_round % len(self.samples), :, bounce]
         rays, radiances = (self.rays, self.radiances[part]) if texels is None else (texels.rays, texels.radiances)
         seen = {**hits.buffer._asdict(), "surfaces": self.surfaces if texels is None else texels.surfaces}
         if texels is None:
@@ -381,10 +449,10 @@ class ReflectionWork:
         """What became of the first rays, those of one eye sample."""
         self._is_counted = True
         if self.texel_hits:
-            maps = self.device.read(self.rays["ray_origins"])[..., 3]
-            self.statistics.ray_count = int((maps[spread_to_pixels(self.tiles_shown, *self.size)] >= 0).sum())
+            reflects = self.device.read(self.colors[0])[..., 3] > 0
+            self.statistics.ray_count = int(reflects[spread_to_pixels(self.tiles_shown, *self.size)].sum()) * self.samples_per_round
             self.statistics.by_direction_share = 1.0
-            self.statistics.shaded_count = sum(hits.texels.shaded_count for hits in self.texel_hits if hits.texels is not None)
+            self.statistics.shaded_count = sum(hits.texels.count_shaded() for hits in self.texel_hits if hits.texels is not None)
             return
         found = self.device.read(self.surfaces)[..., 3].astype(np.int64)
         shown = found[spread_to_pixels(self.tiles_shown, *self.size)]
@@ -403,7 +471,7 @@ class ReflectionWork:
     def mean_ray_count(self) -> float:
         """First rays of a pixel that shows a reflector, so far."""
         if not self.is_adaptive:
-            return float(self.round_count)
+            return float(self.round_count * self.samples_per_round)
         shown = self.device.read(self.sums["color_sums"])[..., 3] > 0
         settled = self.device.read(self.settled)[shown, 0]
         return float(np.where(settled > 0, settled, self.round_count).mean()) if len(settled) else 0.0
@@ -467,6 +535,10 @@ class ReflectionWork:
         """All lights are in: add the batch's rounds to the passes."""
         width, height = self.size
         with stopwatch.stage("reflect"):
+            if self.marks is not None and self.places is not None:
+                kernel = self.device.compute_kernel(FILTER_NEEDED, *self.materials.flags, *self.materials.world_flags)
+                shown = {"needed": self.marks.texture, "shown": self.places.radiances, "radiances": self.radiances[0]}
+                self.tiles.dispatch(kernel, width=width, height=height, **self._of_samples, **shown)
             if self.shaded_maps is not None:
                 texels = self.shaded_maps
                 if self.shaded_points is not None:
@@ -532,6 +604,11 @@ class ReflectionWork:
     def release(self) -> None:
         self.tiles.release()
         self._owned.close()
+
+
+def _hits_of_places(places: ShadedPlaces) -> Hits:
+    buffer = GBuffer(places.positions, places.normals)
+    return Hits(0, buffer, places.rays["ray_origins"], places.scatterings, places.glosses, places.sums, places)
 
 
 def _least_batches(plan: RenderPlan) -> int:
