@@ -1,6 +1,7 @@
 // What the surfaces that rays met shine by themselves, what of the light upon them comes back along the rays, and the world where rays
 // met nothing.
 #include "lib/brdf.glsl"
+#include "lib/surface_point.glsl"
 #include "lib/tiles.glsl"
 
 const float PER_PI = 0.318309886;
@@ -21,11 +22,21 @@ void main() {
         own = world_radiance(texelFetch(ray_directions, pixel, 0).xyz);
     } else if (how != NO_RAY) {
         vec4 position = texelFetch(positions, pixel, 0);
-        vec4 normal = texelFetch(normals, pixel, 0);
+        vec4 normal = imageLoad(normals, pixel);
         InstanceData instance = load_instance(int(position.w));
         TriangleData triangle = load_triangle(instance, int(hit.x));
         vec3 weights = vec3(1.0 - hit.y - hit.z, hit.yz);
-        Surface surface = surface_at(int(position.w), instance, triangle, int(hit.x), weights, normal.xyz, unpack_direction(normal.w));
+        vec3 shading = unpack_direction(normal.w);
+#ifdef NORMAL_MAPS
+        // where texels are shaded again, what is there is mapped already
+        float side = dot(scaled_geometric_normal(instance, triangle), normal.xyz) < 0.0 ? -1.0 : 1.0;
+        shading = side * shading_normal(instance, triangle, int(hit.x), weights, side * normal.xyz);
+#endif
+        Surface surface = surface_at(int(position.w), instance, triangle, int(hit.x), weights, normal.xyz, shading);
+#ifdef NORMAL_MAPS
+        // lights take the cosine to it, and what they hide from the geometric one
+        imageStore(normals, pixel, vec4(normal.xyz, pack_direction(surface.normal_ws)));
+#endif
         vec3 to_eye = -texelFetch(ray_directions, pixel, 0).xyz;
         float cosine = max(dot(surface.normal_ws, to_eye), LEAST_COSINE);
         Lobes lobes = lobes_of(surface, cosine);

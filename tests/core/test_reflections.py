@@ -22,14 +22,14 @@ from tests.scenes import (
     snapshot,
     sun_light,
 )
-from vir_addon.core.material import World
+from vir_addon.core.material import Constant, Layer, LayerKind, NormalMap, World
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
 from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX
 from vir_addon.core.plan import plan as planned
 from vir_addon.core.reflections.reflectors import MAX_GROUPS, MAX_REFLECTORS
 from vir_addon.core.reflections.views import convexity
 from vir_addon.core.scene import LightShape, Mesh
-from vir_addon.core.settings import Effect, Settings
+from vir_addon.core.settings import Effect, ReflectionLookUp, ReflectionMethod, Settings
 
 WIDTH, HEIGHT = 160, 90
 COLORS = np.array([(0.9, 0.1, 0.1), (0.1, 0.9, 0.1), (0.1, 0.1, 0.9), (0.9, 0.9, 0.1), (0.1, 0.9, 0.9), (0.9, 0.1, 0.9)])
@@ -143,6 +143,34 @@ def test_lit_floor_in_a_mirror(device):
     assert (judged & shadow).sum() > 300
     assert (judged & ~shadow).sum() > 1000
     np.testing.assert_allclose(image[judged], truth[judged], rtol=3e-3, atol=1e-4)  # normals of what is lit are packed to a thousandth
+
+
+def bumpy_floor(half_m: float, mapped):
+    """A floor and a matte material whose normal map says the same everywhere, a unit vector in the world's axes."""
+    mesh = floor(half_m)
+    uv = Layer(LayerKind.UV, "UVMap")
+    normal_map = NormalMap(Constant(tuple(0.5 + 0.5 * np.asarray(mapped))), Constant((1.0, 1.0, 1.0)), uv)
+    uvs = (mesh.positions_os[:, :2] / (2 * half_m) + 0.5)[mesh.triangles].astype(np.float32)
+    return dataclasses.replace(mesh, layers={uv: uvs}), dataclasses.replace(matte((0.8, 0.8, 0.8)), normal_map=normal_map)
+
+
+@pytest.mark.parametrize("look_up", ["march", "shaded"])
+def test_mirrors_show_normal_maps_by_the_light_of_lamps(device, look_up):
+    """A sun lights what a mirror shows under the cosine to the mapped normal, in every round anew."""
+    mapped = np.array([0.48, -0.36, 0.8])
+    toward = np.array([-0.2, -0.6, 0.9])
+    sun = sun_light(eye=tuple(toward), angle_rad=0.0, strength_rgb=(2.0, 2.0, 2.0))
+    camera = perspective_camera((0.0, -4.0, 1.5), (0.0, 0.0, 0.8), WIDTH, HEIGHT, 0.3)
+    mesh, material = bumpy_floor(30.0, mapped)
+    wall = rectangle("wall", (-2, 2, 0.5), (4, 0, 0), (0, 0, 4))
+    scene = snapshot([mesh, wall], [sun], camera, WIDTH, HEIGHT, materials=[material, mirror()], world=World())
+    settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "view_count": 2, "reflection_look_up": ReflectionLookUp(look_up)}
+    passes = render_passes(scene, device, reflection_sample_count=2, reflection_method=ReflectionMethod.MVR, **settings)
+    shown = passes[REFLECTION_PASS_NAME][(passes[REFLECTION_COLOR_PASS_NAME] > 0.99).all(axis=-1)]
+    expected = 2.0 * 0.8 / np.pi * (mapped @ toward) / np.linalg.norm(toward)
+    lit = shown[shown[:, 0] > 0.0]
+    assert len(lit) > 500
+    np.testing.assert_allclose(np.median(lit, axis=0), expected, rtol=5e-3)
 
 
 def checkerboard(half_m: float, count: int):

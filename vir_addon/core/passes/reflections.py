@@ -37,7 +37,7 @@ MARCH_DEFINES = {
 BY_DIRECTION_FLAG = {"BY_DIRECTION": "look maps up by direction alone"}
 
 POSITIONS = "position (world space) and instance number, -1 for the background"
-NORMALS = "geometric normal (world space, towards where it is seen from) and packed shading normal"
+NORMALS = "geometric normal (world space, towards where it is seen from) and packed shading normal; of hits: by their normal maps"
 SURFACES = "triangle number, weights of its second and third corner; of hits: what became of the ray"
 ORIGINS = "where the ray begins (world space) and number of the map that it is followed through, -1 where there is none"
 DIRECTIONS = "unit direction of the ray and how far along it nothing is met"
@@ -137,13 +137,16 @@ HIT_MATERIALS = ComputeDeclaration(
     textures={
         **SCENE_TEXTURES,
         **SURFACE_TEXTURES,
-        **SEEN,
+        "positions": SEEN["positions"],
+        "surfaces": SEEN["surfaces"],
+        "corner_normals": Sampled("sampler2D", "three packed normals of every triangle of meshes that need them"),
         "ray_directions": Sampled("sampler2D", DIRECTIONS),
         "throughputs": Sampled("sampler2D", THROUGHPUTS),
         "instance_maps": Sampled("sampler2D", INSTANCE_MAPS),
         **TILE_TEXTURES,
     },
     images={
+        "normals": Stored("RGBA32F", "read_write", NORMALS),
         "scatterings": Stored("RGBA32F", "write", SCATTERINGS),
         "glosses": Stored("RGBA32F", "write", GLOSSES),
         "radiances": Stored("RGBA32F", "read_write", RADIANCES),

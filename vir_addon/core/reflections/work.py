@@ -399,6 +399,7 @@ class ReflectionWork:
             **self.scene_data.bindings,
             **self.materials.bindings,
             **seen,
+            corner_normals=self.scene_data.corner_normals,
             ray_directions=rays["ray_directions"],
             throughputs=rays["throughputs"],
             instance_maps=self.instance_maps,
