@@ -19,8 +19,9 @@ const float LEAST_FACING = 0.1;
 
 // Radiance of the light over the irradiance that it brings, where one of the lobe's directions meets it. arriving: mean weight of its
 // points
-vec3 seen_lamp(Gloss gloss, vec3 p_ws, vec3 normal_fs, vec3 seen_fs, vec3 to_eye, vec3 p_fs, float arriving) {
+vec3 seen_lamp(Gloss gloss, vec3 p_ws, vec3 normal_fs, vec3 to_eye, vec3 p_fs, float arriving) {
     float masked = 1.0;
+    vec3 seen_fs = seen_normal(normal_fs, to_eye);
     vec3 facet = seen_fs;
     if (gloss.width > MIRROR_WIDTH) {
         uint random = hash_position(p_ws);
@@ -73,7 +74,6 @@ void main() {
         vec3 normal_fs = face_direction(unpack_direction(texelFetch(normals, pixel, 0).w));
         vec3 to_eye = face_direction(texelFetch(seen_from, pixel, 0).xyz - position.xyz);
         to_eye *= inversesqrt(max(dot(to_eye, to_eye), 1.0e-30));
-        vec3 seen_fs = seen_normal(normal_fs, to_eye);
 #ifdef OMNI
         set_place(p_fs);
 #endif
@@ -85,7 +85,7 @@ void main() {
             float weight = delivered(light_points[k], from_light, normal_fs);
             if (weight > 0.0) {
                 float distance = length(from_light);
-                sum += weight * gloss_brdf(gloss, seen_fs, to_eye, -from_light / distance, LEAST_LIT_WIDTH);
+                sum += weight * gloss_brdf(gloss, normal_fs, to_eye, -from_light / distance, LEAST_LIT_WIDTH);
                 weights += weight;
                 distances += weight * distance;
             }
@@ -98,7 +98,7 @@ void main() {
         // points would show lobes that are narrower than the lamp as wide as the least width
         float reach = max(point_reach * per_m, min(lamp_extent * per_m, LEAST_LIT_WIDTH));
         if (weights > 0.0) {
-            sent += gloss.width < reach ? seen_lamp(gloss, position.xyz, normal_fs, seen_fs, to_eye, p_fs, weights / float(point_count)) : sum / weights;
+            sent += gloss.width < reach ? seen_lamp(gloss, position.xyz, normal_fs, to_eye, p_fs, weights / float(point_count)) : sum / weights;
         }
     }
     imageStore(radiances, pixel, imageLoad(radiances, pixel) + vec4(lit * light_rgb * sent, 0.0));

@@ -45,6 +45,16 @@ vec3 weights_within(Meeting meeting) {
     return weights / (weights.x + weights.y + weights.z);
 }
 
+// Whether a place is just behind a triangle's plane, seen from the map's centre: then it is on the surface that goes on there, which falls
+// away from the plane, and no ray from it meets the plane's continuation.
+bool is_just_behind(ReflectionMap map, vec3 place_ws, vec4 texel, float reach_m) {
+    InstanceData instance = load_instance(int(texel.z));
+    TriangleData triangle = load_triangle(instance, int(texel.w));
+    vec3 scaled = cross(triangle.position_ws[1] - triangle.position_ws[0], triangle.position_ws[2] - triangle.position_ws[0]);
+    float height = dot(scaled, place_ws - triangle.position_ws[0]);
+    return height * dot(scaled, map.center_ws - triangle.position_ws[0]) < 0.0 && height * height < reach_m * reach_m * dot(scaled, scaled);
+}
+
 bool is_empty(vec4 texel) {
     return texel.z < 0.0;
 }
@@ -149,6 +159,8 @@ Found march(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m,
             Meeting meeting = meet(origin_ws, direction_ws, texel);
             bool is_between = meeting.along >= between.x && meeting.along <= between.y;
             bool is_met = is_between && meeting.inside;
+            // of a curved surface, rays that leave it would meet the facets beside theirs
+            is_between = is_met || (is_between && !is_just_behind(map, origin_ws, texel, map.texel.x * f.z));
             // beside an outline the texel's centre sees past what the ray meets, or meets what the ray passes by
             float before = is_met ? meeting.along : between.y + texel_crossing;
             vec3 at = f + ((is_between ? meeting.along : along + 0.5 * min(crossing, texel_crossing)) - along) * g;

@@ -68,8 +68,14 @@ vec3 sent_of_surfaces(Sending sending, vec3 direction, vec3 sent) {
     return sending.shows_surfaces ? sent : max(dot(sending.normal, direction), 0.0) * sending.diffuse;
 }
 
-// The map of what the pixel's ray came from, a cube if it has one.
+// The map of what the pixel's ray met, if that is a convex reflector, as what the ray came from is left out of its own. Otherwise that; a
+// cube, if it has one.
 int map_around(ivec2 pixel) {
+    vec4 of_met = texelFetch(instance_maps, linear_texel(int(texelFetch(positions, pixel, 0).w)), 0);
+    int around_met = int(of_met.z >= 0.0 ? of_met.z : of_met.x);
+    if (around_met >= 0 && own_cube(around_met) < 0) {
+        return around_met;
+    }
     int beside = int(texelFetch(throughputs, pixel, 0).w) % MAP_NUMBERS - 1;
     return beside >= 0 ? beside : int(texelFetch(ray_origins, pixel, 0).w);
 }

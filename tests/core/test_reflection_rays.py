@@ -264,11 +264,13 @@ POLISHED = dataclasses.replace(POLISHED, has_metal_fresnel=False, roughness=BLAC
 )
 def test_in_a_room_that_shines_all_is_as_bright_as_its_albedo(device, ground, inside_out, look_up):
     """Whichever way the room's faces are turned: a floor that is matte, also below what would show an image, or of rough metal, which has a
-    map of its own, where the last ray ends. By direction alone, too: it shines in all of them."""
+    map of its own, where the last ray ends. By direction alone, too: it shines in all of them. Reflecting floors know of the wall, which is
+    left out of what others are lit by, and so shines as the room does, and hides nothing that they see beside it."""
     room = box("room", (0, 0, 1), (4, 4, 4), inside_out=inside_out)
-    wall = rectangle("wall", (-2, 2, -0.5), (4, 0, 0), (0, 0, 4))
+    wall = rectangle("wall", (-4, 2, -3), (8, 0, 0), (0, 0, 8))
     camera = perspective_camera((0.0, -3.0, 1.6), (0.0, 2.0, 0.6), WIDTH, HEIGHT, 0.35)
-    materials = [ground, matte((0, 0, 0), (3, 3, 3)), mirror()]
+    shining = BLACK if ground.name == "matte" else Constant((3.0, 3.0, 3.0))
+    materials = [ground, matte((0, 0, 0), (3, 3, 3)), dataclasses.replace(mirror(), emission=shining)]
     scene = snapshot([floor(3.0), room, wall], [], camera, WIDTH, HEIGHT, materials=materials, world=World())
     settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "reflection_sample_count": 32, "reflection_look_up": look_up}
     image = render_passes(scene, device, **settings)[REFLECTION_PASS_NAME][5:10, 4:-4, 0]

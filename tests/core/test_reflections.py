@@ -173,6 +173,44 @@ def test_mirrors_show_normal_maps_by_the_light_of_lamps(device, look_up):
     np.testing.assert_allclose(np.median(lit, axis=0), expected, rtol=5e-3)
 
 
+def ball_shown_by_a_wall(camera, wall_y_m: float):
+    """Where rays from a unit ball around the origin go that the eye sees in a mirroring wall: their starts and directions, and which
+    pixels show that, clear of rims and of the ball itself."""
+    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
+    mirrored = directions * (1, -1, 1)
+    at = eye + ((wall_y_m - eye[1]) / directions[..., 1])[..., None] * directions
+    chords = []
+    for origins, rays in ((np.broadcast_to(eye, directions.shape), directions), (at, mirrored)):
+        along = (origins * rays).sum(axis=-1)
+        chords.append((along, along**2 - (origins**2).sum(axis=-1) + 1))
+    place = at - (chords[1][0] + np.sqrt(np.maximum(chords[1][1], 0.0)))[..., None] * mirrored
+    leaving = mirrored - 2 * (mirrored * place).sum(axis=-1, keepdims=True) * place
+    return place, leaving, (chords[1][1] > 0.1) & (chords[0][1] < -0.1) & (directions[..., 1] > 0)
+
+
+@pytest.mark.parametrize("is_reflector", [True, False])
+@pytest.mark.parametrize("row_count", [12, 48])
+def test_a_ball_in_a_mirror_shows_the_world_but_not_behind_the_mirror(device, row_count, is_reflector):
+    """The last ray's, as in Cycles: with one bounce the wall in the ball is black. Facets hide nothing from each other. A ball without maps
+    knows what the wall's maps do, which leave the wall out."""
+    camera = perspective_camera((3.0, -3.5, 0.5), (-0.9, 2.0, 0.3), WIDTH, HEIGHT, 0.3)
+    meshes = [rectangle("wall", (-6, 2, -6), (12, 0, 0), (0, 0, 12)), bumpy_sphere("ball", (0, 0, 0), 1.0, row_count, bump_share=0.0)]
+    scene = snapshot(meshes, [], camera, WIDTH, HEIGHT, materials=[mirror(), mirror()], world=World((1.0, 1.0, 1.0)))
+    marks = np.array([-1, -1 if is_reflector else 0], np.int8)
+    scene = dataclasses.replace(scene, instances=dataclasses.replace(scene.instances, reflector_mark=marks))
+    image = render_passes(scene, device, reflection_sample_count=1, effects=(Effect.REFLECTION,), bounces=1)[REFLECTION_PASS_NAME]
+    place, leaving, judged = ball_shown_by_a_wall(camera, 2.0)
+    away = judged & (leaving[..., 1] < -0.02)
+    assert away.sum() > 500
+    assert (image[away] < 0.5).any(axis=-1).mean() < 0.02
+    with np.errstate(divide="ignore"):
+        met = place + ((2.0 - place[..., 1]) / leaving[..., 1])[..., None] * leaving
+    toward = judged & (leaving[..., 1] > 0.02) & (np.abs(met[..., [0, 2]]) < 5.8).all(axis=-1)
+    assert toward.sum() > 1000
+    if is_reflector:
+        assert (image[toward] > 0.5).any(axis=-1).mean() < 0.02
+
+
 def checkerboard(half_m: float, count: int):
     """Two meshes in the plane z = 0, of the light and of the dark squares."""
     step = 2 * half_m / count

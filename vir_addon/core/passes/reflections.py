@@ -207,6 +207,7 @@ _AROUND_TEXTURES = {
     "throughputs": Sampled("sampler2D", THROUGHPUTS),
     "scatterings": Sampled("sampler2D", SCATTERINGS),
     "glosses": Sampled("sampler2D", GLOSSES),
+    "instance_maps": Sampled("sampler2D", INSTANCE_MAPS),
     **TILE_TEXTURES,
 }
 _AROUND_CONSTANTS = {

@@ -422,6 +422,7 @@ class ReflectionWork:
             "glosses": hits.glosses,
             "radiances": radiances,
             "emitters": self.emitters,
+            "instance_maps": self.instance_maps,
             "bounce": bounce + self.planned.bounces,
             "is_last": int(bounce == self.planned.bounces - 1),
             "sample_x": light[0],
