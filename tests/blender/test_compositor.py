@@ -6,14 +6,17 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from vir_addon.blender.compositor import GROUP_NAME, add_pass_nodes  # noqa: E402  (bpy decides whether this file runs)
+# bpy decides whether this file runs
+from vir_addon.blender.compositor import GROUP_NAME, WITH_REFLECTIONS, WITHOUT_REFLECTIONS, add_pass_nodes  # noqa: E402
 from vir_addon.blender.images import write_images  # noqa: E402
+from vir_addon.core import pass_set  # noqa: E402
 from vir_addon.core.errors import SceneError  # noqa: E402
 from vir_addon.core.exr import write_exr  # noqa: E402
 from vir_addon.core.pass_set import PassSet, SetStatistics, unique_pass_names  # noqa: E402
 
 SIZE_PX = 48
 KEY, FILL, ALL = "VIR Shadow Key", "VIR Shadow Fill", "VIR Shadow"
+REFLECTION, COLOR = pass_set.REFLECTION_PASS_NAME, pass_set.REFLECTION_COLOR_PASS_NAME
 
 
 @pytest.fixture
@@ -113,6 +116,58 @@ def test_twice_is_once(scene):
     assert (second.added, second.removed, second.kept) == ([], [], [])
     assert (len(tree.nodes), len(first.node.node_tree.nodes), len(bpy.data.node_groups), links_of(tree)) == counts
     assert [socket.name for socket in second.node.outputs if socket.enabled] == [ALL, KEY]
+
+
+def reflections_of(layer_name=None):
+    random = np.random.default_rng(5)
+    images = {name: random.random((SIZE_PX, SIZE_PX, 3), dtype=np.float32) for name in (REFLECTION, COLOR)}
+    return images, write_images(PassSet(images, SetStatistics()), layer_name=layer_name)
+
+
+@pytest.mark.parametrize("layer_name", [None, "Foreground"])
+def test_a_picture_gets_its_reflections(scene, tmp_path, layer_name):
+    without = render(scene, tmp_path / "without.exr")
+    passes, images = reflections_of(layer_name)
+    shown = images if layer_name is None else {**write_images(passes_of(ALL)), **images}
+    node = add_pass_nodes(scene, shown).node
+    tree = tree_of(scene)
+    suffix = "" if layer_name is None else " (Foreground)"
+    tree.links.new(node.outputs[WITH_REFLECTIONS + suffix], picture_input(tree))
+    # nothing given is black
+    product = passes[REFLECTION] * passes[COLOR]
+    np.testing.assert_allclose(render(scene, tmp_path / "product.exr")[..., :3], product, atol=1e-6)
+    layers = next(each for each in tree.nodes if each.bl_idname == "CompositorNodeRLayers")
+    tree.links.new(layers.outputs["Image"], node.inputs[WITHOUT_REFLECTIONS + suffix])
+    total = render(scene, tmp_path / "with.exr")
+    np.testing.assert_allclose(total[..., :3], without[..., :3] + product, atol=1e-6)
+    np.testing.assert_array_equal(total[..., 3:], without[..., 3:])
+    counts = len(node.node_tree.nodes), len(node.node_tree.interface.items_tree), links_of(tree), links_of(node.node_tree)
+    assert add_pass_nodes(scene, shown).added == []
+    assert (len(node.node_tree.nodes), len(node.node_tree.interface.items_tree), links_of(tree), links_of(node.node_tree)) == counts
+
+
+def test_a_sum_goes_with_its_reflections_unless_it_is_used(scene):
+    _, images = reflections_of()
+    node = add_pass_nodes(scene, images).node
+    tree = tree_of(scene)
+    assert [socket.name for socket in node.outputs] == [REFLECTION, COLOR, WITH_REFLECTIONS]
+    used = tree.links.new(node.outputs[WITH_REFLECTIONS], picture_input(tree))
+    kept = add_pass_nodes(scene, write_images(passes_of(KEY)))
+    assert (set(kept.kept), kept.removed) == ({REFLECTION, COLOR}, [])
+    assert WITH_REFLECTIONS in node.outputs and WITHOUT_REFLECTIONS in node.inputs
+    tree.links.remove(used)
+    gone = add_pass_nodes(scene, write_images(passes_of(KEY)))
+    assert set(gone.removed) == {WITH_REFLECTIONS, REFLECTION, COLOR}
+    assert [socket.name for socket in node.outputs] == [KEY] and len(node.inputs) == 0
+    assert {other.bl_idname for other in node.node_tree.nodes} == {"CompositorNodeImage", "NodeGroupInput", "NodeGroupOutput"}
+    assert add_pass_nodes(scene, {**images, **write_images(passes_of(KEY))}).added == [REFLECTION, COLOR, WITH_REFLECTIONS]
+
+
+def test_a_pass_of_one_reflector_makes_no_sum(scene):
+    random = np.random.default_rng(5)
+    images = {f"{name} Ball": random.random((SIZE_PX, SIZE_PX, 3), dtype=np.float32) for name in (REFLECTION, COLOR)}
+    result = add_pass_nodes(scene, write_images(PassSet(images, SetStatistics())))
+    assert result.added == [f"{REFLECTION} Ball", f"{COLOR} Ball"]
 
 
 def test_lights_come_and_go(scene):

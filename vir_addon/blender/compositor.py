@@ -1,4 +1,5 @@
-"""The node group "VIR Passes" in a scene's compositor: every pass as an output socket, the artist's own nodes untouched."""
+"""The node group "VIR Passes" in a scene's compositor: every pass as an output socket, and a picture with its reflections; the artist's own
+nodes untouched."""
 
 from __future__ import annotations
 
@@ -8,11 +9,17 @@ from dataclasses import dataclass, field
 import bpy
 
 from ..core.errors import SceneError
-from .images import PASS_PROPERTY, SCENE_PROPERTY
+from ..core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME, layer_pass_names
+from .images import LAYER_PROPERTY, PASS_PROPERTY, SCENE_PROPERTY
 
 GROUP_NAME = "VIR Passes"
 GROUP_PROPERTY = "vir_passes"
 """custom property that marks the node group as made here, whatever an artist renames it to"""
+SUM_PROPERTY = "vir_sum"
+"""custom property of the nodes that add reflections to a picture: the name of their output"""
+WITHOUT_REFLECTIONS, WITH_REFLECTIONS = "Without Reflections", "With Reflections"
+"""input and output of the group, where there are reflections"""
+BLACK = (0.0, 0.0, 0.0, 1.0)
 NODE_GAP_PX = 60.0
 OTHERS_PASSES = (
     "The compositor's node VIR Passes belongs to another .blend file and shows the passes that were saved there: "
@@ -28,9 +35,9 @@ class PassNodes:
     node: bpy.types.Node
     """the group node"""
     added: list[str] = field(default_factory=list)
-    """passes that got an output"""
+    """passes, and sums with them, that got an output"""
     removed: list[str] = field(default_factory=list)
-    """outputs of passes that are gone and were linked to nothing"""
+    """outputs of passes, and sums with them, that are gone and were linked to nothing"""
     kept: list[str] = field(default_factory=list)
     """outputs of passes that are gone but still linked: they give what `images.fill_unmade` writes"""
     is_switched_off: bool = False
@@ -40,9 +47,10 @@ class PassNodes:
 def add_pass_nodes(scene: bpy.types.Scene, images: Mapping[str, bpy.types.Image]) -> PassNodes:
     """Give every image (pass name -> image) an output on the scene's group node "VIR Passes".
 
-    A compositor is made when the scene has none, with the render passed through. On a group that exists, outputs are matched by
-    name: missing ones are added, links stay, and outputs whose pass is gone are removed unless something is linked to them. What an
-    artist put between an image and its output inside the group stays too.
+    A compositor is made when the scene has none, with the render passed through. Where images have both passes of a view layer's
+    reflections, the group also adds their product to what is linked to its input "Without Reflections". On a group that exists, outputs
+    are matched by name: missing ones are added, links stay, and outputs whose pass is gone are removed unless something is linked to them.
+    What an artist put between an image and its output inside the group stays too.
     Raises SceneError when the compositor belongs to another .blend file.
     """
     tree = _made_compositor_tree(scene)
@@ -60,6 +68,8 @@ def add_pass_nodes(scene: bpy.types.Scene, images: Mapping[str, bpy.types.Image]
         node.image = image
         if not output.inputs[pass_name].is_linked:
             group.links.new(node.outputs["Image"], output.inputs[pass_name])
+    for each in _sums_of(images):
+        _add_sum(group, each, result)
     return result
 
 
@@ -175,6 +185,11 @@ def _group_output(group: bpy.types.NodeTree) -> bpy.types.Node:
     return active
 
 
+def _group_input(group: bpy.types.NodeTree) -> bpy.types.Node:
+    inputs = (node for node in group.nodes if node.bl_idname == "NodeGroupInput")
+    return next(inputs, None) or group.nodes.new("NodeGroupInput")
+
+
 def _output_socket(group: bpy.types.NodeTree, pass_name: str) -> bpy.types.NodeTreeInterfaceSocket | None:
     sockets = (item for item in group.interface.items_tree if item.item_type == "SOCKET" and item.in_out == "OUTPUT")
     return next((socket for socket in sockets if socket.name == pass_name), None)
@@ -192,17 +207,105 @@ def _new_image_node(group: bpy.types.NodeTree, pass_name: str, row: int) -> bpy.
     return node
 
 
+@dataclass(frozen=True)
+class _Sum:
+    """A view layer's picture without reflections and the product of its two passes."""
+
+    input_name: str
+    output_name: str
+    pass_names: tuple[str, str]
+
+
+def _sums_of(images: Mapping[str, bpy.types.Image]) -> list[_Sum]:
+    """Those of which both passes are there."""
+    sums = {}
+    for layer_name in {image.get(LAYER_PROPERTY, ""): None for image in images.values()}:
+        names = layer_pass_names(
+            (REFLECTION_PASS_NAME, REFLECTION_COLOR_PASS_NAME, WITHOUT_REFLECTIONS, WITH_REFLECTIONS), layer_name or None
+        )
+        reflection, color, input_name, output_name = names.values()
+        if reflection in images and color in images:
+            sums[output_name] = _Sum(input_name, output_name, (reflection, color))
+    return list(sums.values())
+
+
+def _add_sum(group: bpy.types.NodeTree, wanted: _Sum, result: PassNodes) -> None:
+    if _sum_nodes(group, wanted.output_name):
+        return
+    source = group.interface.new_socket(name=wanted.input_name, in_out="INPUT", socket_type="NodeSocketColor")
+    source.default_value = BLACK
+    group.interface.new_socket(name=wanted.output_name, in_out="OUTPUT", socket_type="NodeSocketColor")
+    result.added.append(wanted.output_name)
+    given = _group_input(group)
+    product, total = (_new_mix_node(group, wanted.output_name, blend_type) for blend_type in ("MULTIPLY", "ADD"))
+    passes = [_image_node(group, name) for name in wanted.pass_names]
+    output = _group_output(group)
+    given.location.x = total.location.x = output.location.x
+    product.location.y = total.location.y = min(node.location.y for node in passes) - 5 * NODE_GAP_PX
+    given.location.y = product.location.y - 3 * NODE_GAP_PX
+    for node, place in zip(passes, ("A_Color", "B_Color"), strict=True):
+        group.links.new(node.outputs["Image"], _socket(product.inputs, place))
+    # first what is given: its alpha stays
+    group.links.new(given.outputs[wanted.input_name], _socket(total.inputs, "A_Color"))
+    group.links.new(_socket(product.outputs, "Result_Color"), _socket(total.inputs, "B_Color"))
+    group.links.new(_socket(total.outputs, "Result_Color"), output.inputs[wanted.output_name])
+
+
+def _new_mix_node(group: bpy.types.NodeTree, output_name: str, blend_type: str) -> bpy.types.Node:
+    node = group.nodes.new("ShaderNodeMix")
+    node.data_type, node.blend_type = "RGBA", blend_type
+    node[SUM_PROPERTY] = output_name
+    _socket(node.inputs, "Factor_Float").default_value = 1.0
+    return node
+
+
+def _socket(sockets: bpy.types.bpy_prop_collection, identifier: str) -> bpy.types.NodeSocket:
+    """By what tells those of a mix node apart: several have the same name."""
+    return next(socket for socket in sockets if socket.identifier == identifier)
+
+
+def _sum_nodes(group: bpy.types.NodeTree, output_name: str) -> list[bpy.types.Node]:
+    return [node for node in group.nodes if node.get(SUM_PROPERTY) == output_name]
+
+
 def _drop_gone_passes(group: bpy.types.NodeTree, images: Mapping[str, bpy.types.Image], result: PassNodes) -> None:
     """A linked output stays: removing it would break the artist's links, and a light may only be left out this time."""
+    needed = _drop_gone_sums(group, images, result)
     for node in [node for node in group.nodes if node.get(PASS_PROPERTY, "") not in ("", *images)]:
         pass_name = node[PASS_PROPERTY]
-        if any(user.outputs[pass_name].is_linked for user in _users(group) if pass_name in user.outputs):
+        if _is_linked(group, pass_name) or node in needed:
             result.kept.append(pass_name)
             continue
         group.nodes.remove(node)
         if socket := _output_socket(group, pass_name):
             group.interface.remove(socket)
         result.removed.append(pass_name)
+
+
+def _drop_gone_sums(group: bpy.types.NodeTree, images: Mapping[str, bpy.types.Image], result: PassNodes) -> list[bpy.types.Node]:
+    """The image nodes that those still linked need."""
+    present = {each.output_name for each in _sums_of(images)}
+    needed = []
+    for output_name in sorted({node[SUM_PROPERTY] for node in group.nodes if SUM_PROPERTY in node} - present):
+        nodes = _sum_nodes(group, output_name)
+        if _is_linked(group, output_name):
+            needed += [link.from_node for link in group.links if link.to_node in nodes]
+            continue
+        inputs = {
+            link.from_socket.identifier for link in group.links if link.to_node in nodes and link.from_node.bl_idname == "NodeGroupInput"
+        }
+        for node in nodes:
+            group.nodes.remove(node)
+        for item in list(group.interface.items_tree):
+            if item.item_type == "SOCKET" and (item.identifier in inputs or (item.in_out == "OUTPUT" and item.name == output_name)):
+                group.interface.remove(item)
+        result.removed.append(output_name)
+    return needed
+
+
+def _is_linked(group: bpy.types.NodeTree, output_name: str) -> bool:
+    """Whether an output is used anywhere in the file."""
+    return any(user.outputs[output_name].is_linked for user in _users(group) if output_name in user.outputs)
 
 
 def _users(group: bpy.types.NodeTree) -> Iterator[bpy.types.Node]:
