@@ -74,7 +74,8 @@ const int HIDDEN = 1;
 const int UNDECIDED = 2;  // takes a look at the neighbouring texels
 const int UNKNOWN = 3;    // no map reaches there
 
-// Of its weight: it says nothing where other samples do, and otherwise that the pixel is lit.
+// Of its weight: it says nothing where other samples do, and otherwise that the pixel is lit. What surfaces of the same instance get tells
+// more of it than that no map reaches there; of one that was not known at all, they tell nothing, and it is lit.
 const float UNKNOWN_SHARE = 1.0e-8;
 
 struct LookUp {
@@ -451,8 +452,8 @@ struct Receiver {
 #endif
 };
 
-// What a view adds to the sums. depth: what its map has where the receiver lies
-vec2 sums_of_view(int k, Receiver receiver, float depth, inout uint undecided) {
+// What a view adds to the sums. depth: what its map has where the receiver lies; unknown: light of which no map knows whether it arrives
+vec2 sums_of_view(int k, Receiver receiver, float depth, inout uint undecided, inout float unknown) {
     vec3 p = receiver.p_fs - view_center(k);
     float weight = delivered(sampled_point(k), p, receiver.shading_fs);
     int found = sight(k, p, receiver.normal_fs, depth);
@@ -470,9 +471,9 @@ vec2 sums_of_view(int k, Receiver receiver, float depth, inout uint undecided) {
     }
     counts = counts && ((face_mask | receiver.late_faces) & belongs_to) != 0;
 #endif
-    weight *= found == UNKNOWN ? UNKNOWN_SHARE : 1.0;
     undecided |= counts && found == UNDECIDED ? 1u << uint(k) : 0u;
-    return counts ? weight * vec2(found == SEEN || found == UNKNOWN ? 1.0 : 0.0, 1.0) : vec2(0.0);
+    unknown += counts && found == UNKNOWN ? weight : 0.0;
+    return counts && found != UNKNOWN ? weight * vec2(found == SEEN ? 1.0 : 0.0, 1.0) : vec2(0.0);
 }
 
 void main() {
@@ -500,6 +501,7 @@ void main() {
         set_place(receiver.p_fs);
 #endif
         uint undecided = 0u;
+        float unknown = 0.0;
         // two views a turn, their depths asked for before either is used: maps lie far apart, and software rasterizers wait for memory.
         // Loops that test at their end: they go through those that test at their beginning once more than needed.
         int last = first_view + view_count - 1;
@@ -509,11 +511,15 @@ void main() {
             int other = min(k + 1, last);
             float depth = depth_at(k, receiver.p_fs - view_center(k));
             float other_depth = depth_at(other, receiver.p_fs - view_center(other));
-            sums += sums_of_view(k, receiver, depth, undecided);
+            sums += sums_of_view(k, receiver, depth, undecided, unknown);
             if (k < last) {
-                sums += sums_of_view(other, receiver, other_depth, undecided);
+                sums += sums_of_view(other, receiver, other_depth, undecided, unknown);
             }
         } while (k + 1 < last);
+        if (unknown > 0.0) {
+            bool is_known = texelFetch(receivers, linear_texel(int(position.w)), 0).y > 0.5;
+            sums += is_known ? UNKNOWN_SHARE * unknown : unknown;
+        }
         // few in most places: a loop of its own costs only where there are some, at most MAX_BATCH_VIEWS turns
         if (undecided != 0u) {
             bool is_round = !is_flat_around(pixel, normal.xyz);

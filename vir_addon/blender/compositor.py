@@ -178,11 +178,11 @@ def _free_location(tree: bpy.types.NodeTree) -> tuple[float, float]:
 
 def _group_output(group: bpy.types.NodeTree) -> bpy.types.Node:
     outputs = [node for node in group.nodes if node.bl_idname == "NodeGroupOutput"]
-    active = next((node for node in outputs if node.is_active_output), None)
-    if active is None:
-        active = group.nodes.new("NodeGroupOutput")
-        active.location.x = 400.0
-    return active
+    if (active := next((node for node in outputs if node.is_active_output), None)) is not None:
+        return active
+    made: bpy.types.Node = group.nodes.new("NodeGroupOutput")
+    made.location.x = 400.0
+    return made
 
 
 def _group_input(group: bpy.types.NodeTree) -> bpy.types.Node:
@@ -238,7 +238,7 @@ def _add_sum(group: bpy.types.NodeTree, wanted: _Sum, result: PassNodes) -> None
     result.added.append(wanted.output_name)
     given = _group_input(group)
     product, total = (_new_mix_node(group, wanted.output_name, blend_type) for blend_type in ("MULTIPLY", "ADD"))
-    passes = [_image_node(group, name) for name in wanted.pass_names]
+    passes = [node for name in wanted.pass_names if (node := _image_node(group, name)) is not None]
     output = _group_output(group)
     given.location.x = total.location.x = output.location.x
     product.location.y = total.location.y = min(node.location.y for node in passes) - 5 * NODE_GAP_PX

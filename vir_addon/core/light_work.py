@@ -66,6 +66,8 @@ class LightFit:
     """(view_count,)"""
     has_thin_walls: bool
     """of `fit.has_thin_walls`"""
+    known: np.ndarray
+    """(instance_count,) bool: instances of which some of the surfaces is"""
 
     def texel_growth(self, wider: LightFit) -> float:
         """How many times as large texels are that reach over more than these surfaces."""
@@ -87,7 +89,9 @@ def fit_views(planned: PlannedPass, light: Light, plan: RenderPlan, scene_data: 
     hull = None if light.shape is LightShape.SUN else light_hull(light, samples_m)
     culled = cullable_instances(snapshot, plan.bounds, hull)
     is_thin = has_thin_walls(snapshot, light, plan.bounds, faces)
-    return LightFit(faces, is_cube, culled, samples_m, sample_weights(light, samples_m, cone), is_thin)
+    known = np.zeros(len(snapshot.instances), bool)
+    known[receivers.instances] = True
+    return LightFit(faces, is_cube, culled, samples_m, sample_weights(light, samples_m, cone), is_thin, known)
 
 
 def fit_places(planned: PlannedPass, light: Light, plan: RenderPlan, scene_data: SceneData, places: Places) -> LightFit:
@@ -112,6 +116,7 @@ def fit_both(
         seen.margin,
         max(seen.gap_tangent, shown.gap_tangent),
         np.concatenate([seen.beyond_ws, shown.beyond_ws]),
+        np.union1d(seen.instances, shown.instances),
     )
     wider = fit_views(joint, light, plan, scene_data, both)
     if fit.texel_growth(wider) > MAX_TEXEL_GROWTH:
@@ -136,7 +141,6 @@ class MapStore(Shared):
             """of each round of a batch"""
             self.no_maps: Texture = owned.own(device.create_texture(1, 1, TextureFormat.R32UI))
             """what kernels are bound to where they read no map"""
-            self.no_receivers: Texture = owned.own(device.upload_array(np.ones((1, 4), np.float32)))
             self._owned = owned.pop_all()
 
     def allocating(self) -> Generator[None, None, None]:
@@ -235,16 +239,12 @@ class LightWork(Shared):
             self.resolve_flags.append("SPREAD")
         if planned.is_sealed:
             self.resolve_flags.append("SEALED")
-        self.receivers = store.no_receivers
+        if self.light.receivers is not None:
+            self.resolve_flags.append("RECEIVER_LINKING")
         with Owned() as owned:
             # kernels are bound to sums also where nothing is added
             size = (snapshot.width_px, snapshot.height_px) if has_pass else UNUSED_SUMS_PX
             self.accumulator = owned.own(PassAccumulator(self.device, *size))
-            if self.light.receivers is not None:
-                rows = np.zeros((len(self.light.receivers), 4), np.float32)
-                rows[:, 0] = self.light.receivers
-                self.receivers = owned.own(self.device.upload_array(rows))
-                self.resolve_flags.append("RECEIVER_LINKING")
             self._owned = owned.pop_all()
         self.statistics = PassStatistics(
             planned.pass_name,
@@ -275,6 +275,10 @@ class LightWork(Shared):
         if self.light.shape is not LightShape.SUN:
             self.reference_m = max((fitted.views.far_m for fitted in fit.faces), default=1.0)
         self.samples_m, self.sample_weights = fit.samples_m, fit.sample_weights
+        rows = np.zeros((len(fit.known), 4), np.float32)
+        rows[:, 0] = 1.0 if self.light.receivers is None else self.light.receivers
+        rows[:, 1] = fit.known
+        self.receivers = self._owned.own(self.device.upload_array(rows))
         self.faces = [self._face(fitted, fit.culled) for fitted in fit.faces]
         if self.taps and self.faces:
             self.look_up = PERCENTAGE_CLOSER

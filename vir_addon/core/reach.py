@@ -60,6 +60,8 @@ class Receivers:
     beyond_ws: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     """(m, 3) float64: what samples of the picture's outermost pixels may see beyond its edge. Faces of a cube may reach into the picture by
     a few pixels, of which a margin is next to nothing; a single face's margin covers these places"""
+    instances: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """(k,) int64: of which instances the light reaches something that was looked at"""
 
 
 def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light, beyond_px: float = 0.0) -> Receivers:
@@ -76,9 +78,15 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light, b
     beyond_ws = np.zeros((0, 3)) if beyond is None else _reached(*beyond, light)[1]
     chosen = np.ix_(rows, columns)
     is_reached, points, p = _reached(positions[chosen], normals[chosen], light)
-    margin = _margin(is_reached)
+    margin, numbers = _margin(is_reached), positions[chosen][is_reached][:, 3]
+    if step > 1:
+        missed = _missed_between(positions[..., 3], rows, columns)
+        is_reached, *more = _reached(positions[missed], normals[missed], light)
+        points, p = (np.concatenate(both) for both in zip((points, p), more, strict=True))
+        numbers = np.concatenate([numbers, positions[missed][is_reached][:, 3]])
+    instances = np.unique(numbers).astype(np.int64)
     if len(points) <= MAX_RECEIVER_POINTS:
-        return Receivers(points, margin, beyond_ws=beyond_ws)
+        return Receivers(points, margin, beyond_ws=beyond_ws, instances=instances)
     # what one map of each view reaches has no seams
     half = _half_size_m(light)
     single_tangent = MAX_SINGLE_FACE_TANGENT * (1 - MIN_RECEIVER_MARGIN)
@@ -86,8 +94,19 @@ def select_receivers(positions: np.ndarray, normals: np.ndarray, light: Light, b
     if is_single:
         every = np.arange(0, len(points), -(-len(points) // MAX_RECEIVER_POINTS))
         outermost = _outermost(p[:, :2] if is_sun else p[:, :2] / p[:, 2:], p[:, 2])
-        return Receivers(points[np.unique(np.concatenate([every, *outermost]))], margin)
-    return Receivers(points[np.unique(_spread_over_directions(p))], margin, 2 / DIRECTION_CELLS, beyond_ws)
+        return Receivers(points[np.unique(np.concatenate([every, *outermost]))], margin, instances=instances)
+    return Receivers(points[np.unique(_spread_over_directions(p))], margin, 2 / DIRECTION_CELLS, beyond_ws, instances)
+
+
+def _missed_between(instance: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels, as indices, of instances that none of some rows and columns shows: thin ones and small ones. instance: (height, width)
+    float32 numbers, -1 for the background"""
+    numbers = instance.astype(np.int64)
+    is_missed = np.ones(numbers.max(initial=-1) + 2, bool)
+    is_missed[numbers[np.ix_(rows, columns)]] = is_missed[-1] = False  # the last is the background
+    found = np.nonzero(is_missed[numbers])
+    every = -(-len(found[0]) // MAX_RECEIVER_PIXELS) or 1
+    return found[0][::every], found[1][::every]
 
 
 def _half_size_m(light: Light) -> float:

@@ -92,7 +92,9 @@ RESOLVE = ComputeDeclaration(
         "positions": Sampled("sampler2D", "position (world space) and instance number, -1 for the background"),
         "normals": Sampled("sampler2D", "geometric normal (world space) and packed shading normal"),
         "depth_maps": Sampled("usampler2D", "depth maps of the batch"),
-        "receivers": Sampled("sampler2D", "x: whether an instance receives this light; read with RECEIVER_LINKING"),
+        "receivers": Sampled(
+            "sampler2D", "of an instance, x: whether it receives this light; y: whether windows were fitted to some of it"
+        ),
         **TILE_TEXTURES,
     },
     images={
