@@ -199,16 +199,13 @@ Found look_up_direction(ReflectionMap map, vec3 direction_ws) {
 // nothing was in its way, whatever lies in its direction from the centre: over walls rays from high places go out, and others never are
 // in the box.
 bool ends_hidden(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m) {
-    if (!map.is_cube) {
-        return true;
-    }
-    vec3 low_ws;
-    vec3 high_ws;
-    load_box(map.number, low_ws, high_ws);
+    mat4x3 box_from_world = load_box(map.number);
+    vec3 from = box_from_world * vec4(origin_ws, 1.0);
+    vec3 along = mat3(box_from_world) * direction_ws;
     // no quotient of zeros
-    vec3 rate = mix(direction_ws, vec3(1.0 / FAR_ALONG), lessThan(abs(direction_ws), vec3(1.0 / FAR_ALONG)));
-    vec3 to_low = (low_ws - origin_ws) / rate;
-    vec3 to_high = (high_ws - origin_ws) / rate;
+    vec3 rate = mix(along, vec3(1.0 / FAR_ALONG), lessThan(abs(along), vec3(1.0 / FAR_ALONG)));
+    vec3 to_low = (-1.0 - from) / rate;
+    vec3 to_high = (1.0 - from) / rate;
     vec3 nearer = min(to_low, to_high);
     vec3 farther = max(to_low, to_high);
     float begin = max(max(nearer.x, nearer.y), max(nearer.z, 0.0));

@@ -43,10 +43,13 @@ ReflectionMap load_map(int number) {
     return map;
 }
 
-// Corners of the box around all that the map shows.
-void load_box(int number, out vec3 low_ws, out vec3 high_ws) {
-    low_ws = texelFetch(map_headers, linear_texel(HEADER_TEXELS * number + 7), 0).xyz;
-    high_ws = texelFetch(map_headers, linear_texel(HEADER_TEXELS * number + 8), 0).xyz;
+// What takes the box around all that the map shows to the cube from -1 to 1.
+mat4x3 load_box(int number) {
+    vec4 rows[3];
+    for (int k = 0; k < 3; k++) {
+        rows[k] = texelFetch(map_headers, linear_texel(HEADER_TEXELS * number + 7 + k), 0);
+    }
+    return transpose(mat3x4(rows[0], rows[1], rows[2]));
 }
 
 // Around all that the map shows.

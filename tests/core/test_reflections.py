@@ -24,7 +24,7 @@ from tests.scenes import (
 )
 from vir_addon.core.material import Constant, Layer, LayerKind, NormalMap, World
 from vir_addon.core.pass_set import REFLECTION_COLOR_PASS_NAME, REFLECTION_PASS_NAME
-from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX
+from vir_addon.core.passes.reflection_maps import BYTES_PER_TEXEL, MAP_SIZE_STEP_PX, cube_from_box
 from vir_addon.core.plan import plan as planned
 from vir_addon.core.reflections.reflectors import MAX_GROUPS, MAX_REFLECTORS
 from vir_addon.core.reflections.views import convexity
@@ -145,13 +145,13 @@ def test_lit_floor_in_a_mirror(device):
     np.testing.assert_allclose(image[judged], truth[judged], rtol=3e-3, atol=1e-4)  # normals of what is lit are packed to a thousandth
 
 
-def bumpy_floor(half_m: float, mapped):
-    """A floor and a matte material whose normal map says the same everywhere, a unit vector in the world's axes."""
+def bumpy_floor(half_m: float, mapped, material):
+    """A floor and its material with a normal map that says the same everywhere, a unit vector in the world's axes."""
     mesh = floor(half_m)
     uv = Layer(LayerKind.UV, "UVMap")
     normal_map = NormalMap(Constant(tuple(0.5 + 0.5 * np.asarray(mapped))), Constant((1.0, 1.0, 1.0)), uv)
     uvs = (mesh.positions_os[:, :2] / (2 * half_m) + 0.5)[mesh.triangles].astype(np.float32)
-    return dataclasses.replace(mesh, layers={uv: uvs}), dataclasses.replace(matte((0.8, 0.8, 0.8)), normal_map=normal_map)
+    return dataclasses.replace(mesh, layers={uv: uvs}), dataclasses.replace(material, normal_map=normal_map)
 
 
 @pytest.mark.parametrize("look_up", ["march", "shaded"])
@@ -161,7 +161,7 @@ def test_mirrors_show_normal_maps_by_the_light_of_lamps(device, look_up):
     toward = np.array([-0.2, -0.6, 0.9])
     sun = sun_light(eye=tuple(toward), angle_rad=0.0, strength_rgb=(2.0, 2.0, 2.0))
     camera = perspective_camera((0.0, -4.0, 1.5), (0.0, 0.0, 0.8), WIDTH, HEIGHT, 0.3)
-    mesh, material = bumpy_floor(30.0, mapped)
+    mesh, material = bumpy_floor(30.0, mapped, matte((0.8, 0.8, 0.8)))
     wall = rectangle("wall", (-2, 2, 0.5), (4, 0, 0), (0, 0, 4))
     scene = snapshot([mesh, wall], [sun], camera, WIDTH, HEIGHT, materials=[material, mirror()], world=World())
     settings = {"effects": (Effect.REFLECTION,), "bounces": 1, "view_count": 2, "reflection_look_up": ReflectionLookUp(look_up)}
@@ -171,6 +171,54 @@ def test_mirrors_show_normal_maps_by_the_light_of_lamps(device, look_up):
     lit = shown[shown[:, 0] > 0.0]
     assert len(lit) > 500
     np.testing.assert_allclose(np.median(lit, axis=0), expected, rtol=5e-3)
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_bumpy_mirrors_show_what_stands_alone_once(device, planar):
+    """Rays that pass a leaning sheet go out, though in their direction from maps' centres it stands."""
+    mapped = np.array([-0.2, 0.0, np.sqrt(0.96)])
+    camera = perspective_camera((0.0, -3.0, 3.2), (0.0, 0.2, 0.0), WIDTH, HEIGHT, 0.45)
+    mesh, material = bumpy_floor(3.0, mapped, mirror())
+    lean, turn = np.radians(80), 0.2
+    side = np.array([np.cos(turn), np.sin(turn), 0.0])
+    up = np.array([-np.sin(turn) * np.cos(lean), np.cos(turn) * np.cos(lean), np.sin(lean)])
+    normal, middle = np.cross(side, up), np.array([0.0, 2.0, 2.0])
+    transforms = np.tile(np.eye(4), (2, 1, 1))
+    transforms[1, :3] = np.column_stack([side, up, normal, middle])
+    materials = [material, matte((0, 0, 0), (1, 0, 0))]
+    scene = snapshot(
+        [mesh, floor(1.5)], [], camera, WIDTH, HEIGHT, transforms=transforms, materials=materials, world=World((0.0, 1.0, 0.0))
+    )
+    passes = render_passes(scene, device, effects=(Effect.REFLECTION,), bounces=1, reflection_sample_count=1, planar=planar)
+    eye, directions = camera_rays(camera, WIDTH, HEIGHT)
+    at = eye - (eye[2] / directions[..., 2])[..., None] * directions
+    leaving = directions - 2 * (directions @ mapped)[..., None] * mapped
+    along = ((middle - at) @ normal) / (leaving @ normal)
+    place = at + along[..., None] * leaving - middle
+    within_m = 1.5 - np.abs(np.stack([place @ side, place @ up], axis=-1)).max(axis=-1)
+    judged = (np.abs(within_m) > 0.1) & (passes[REFLECTION_COLOR_PASS_NAME] > 0.99).all(axis=-1) & (leaving[..., 2] > 0.05)
+    shows_sheet = (within_m > 0) & (along > 0)
+    assert (judged & shows_sheet).sum() > 1000
+    assert (judged & ~shows_sheet).sum() > 1000
+    wrong = (passes[REFLECTION_PASS_NAME][..., 0] > 0.5) != shows_sheet
+    assert wrong[judged].mean() < 0.005
+
+
+def test_boxes_are_turned_as_few_things_lie():
+    """Everything is in them; a leaning sheet's is flat, that of many things lies along the world's axes."""
+    side, up = np.array([2.9, 0.6, 0.0]), np.array([-0.1, 0.5, 2.9])
+    sheet = np.array([(1.0, 2.0, 3.0) + i * side + j * up for i in (0, 1) for j in (0, 1) for _ in (0, 1)])[None]
+    matrix = cube_from_box(sheet)
+    placed = sheet[0] @ matrix[:, :3].T + matrix[:, 3]
+    assert np.abs(placed).max() < 1 + 1e-6
+    across = matrix[:, :3] @ np.cross(side, up) / np.linalg.norm(np.cross(side, up))
+    assert np.abs(across).max() > 1000.0
+    many = np.random.default_rng(5).normal(size=(40, 8, 3)) + 7.0
+    matrix = cube_from_box(many)
+    np.testing.assert_allclose(np.count_nonzero(matrix[:, :3]), 3)
+    placed = many.reshape(-1, 3) @ matrix[:, :3].T + matrix[:, 3]
+    np.testing.assert_allclose([placed.min(axis=0), placed.max(axis=0)], [[-1.0] * 3, [1.0] * 3], atol=1e-9)
+    assert np.isfinite(cube_from_box(np.zeros((1, 8, 3)))).all()
 
 
 def ball_shown_by_a_wall(camera, wall_y_m: float):

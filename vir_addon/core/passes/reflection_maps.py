@@ -2,10 +2,10 @@
 sees and between which depths, coarser levels between which depths all texels below them.
 
 All maps of a frame are one list of texels:
-    map_headers     nine texels a map: centre and whether it is a cube; three axes, with width, height and the number of the first of its
+    map_headers     ten texels a map: centre and whether it is a cube; three axes, with width, height and the number of the first of its
                     reflector's OWN_CUBES cubes of itself, -1: none; corner and size of a texel in tangents; where its texels begin
-                    (halves), nearest and farthest depth; FURTHER_MAPS numbers of others, -1: none; two corners of the box around all
-                    that it shows
+                    (halves), nearest and farthest depth; FURTHER_MAPS numbers of others, -1: none; three rows of what takes the box
+                    around all that it shows to the cube from -1 to 1
     map_texels      of every map, from the finest level on: range of depths, instance number and triangle number, -1 where nothing is
 """
 
@@ -31,9 +31,13 @@ from .small_triangles import COPY_TEXELS
 MAP_LEVELS = 6
 """so many that a texel of the coarsest is MAP_SIZE_STEP_PX wide"""
 MAP_SIZE_STEP_PX = 1 << (MAP_LEVELS - 1)
-HEADER_TEXELS, FURTHER_MAPS, OWN_CUBES = 9, 4, 2
+HEADER_TEXELS, FURTHER_MAPS, OWN_CUBES = 10, 4, 2
 HEADER_DEFINE = {"HEADER_TEXELS": HEADER_TEXELS}
 BYTES_PER_TEXEL = 16
+TURNED_BOX_INSTANCES = 32
+"""More than these have a box along the world's axes around them."""
+LEAST_BOX_SHARE = 1e-4
+"""of its largest side that boxes of flat things are thick"""
 NOTHING_NEARER = 1e30
 """the smallest depth where nothing is"""
 
@@ -165,9 +169,25 @@ class ReflectionMap:
         rows[5] = *split_integers(np.array(base)), self.near_m, self.reach_m
         rows[6] = further
         if len(self.instances):
-            shown = corners_ws[self.instances].reshape(-1, 3)
-            rows[7, :3], rows[8, :3] = shown.min(axis=0), shown.max(axis=0)
+            rows[7:10] = cube_from_box(corners_ws[self.instances])
         return rows
+
+
+def cube_from_box(corners_ws: np.ndarray) -> np.ndarray:
+    """(3, 4) what takes a box around all corners, (n, 8, 3), to the cube from -1 to 1: of those along the world's axes and, of few, along
+    one's own, that of the smallest surface. A leaning sheet has next to no place beside and behind it in its own."""
+    points = corners_ws.reshape(-1, 3).astype(np.float64)
+    choices = [np.eye(3)]
+    if len(corners_ws) <= TURNED_BOX_INSTANCES:
+        for box in corners_ws.astype(np.float64):
+            # of a box or a rectangle these are its edges
+            choices.append(np.linalg.eigh(np.cov(box, rowvar=False))[1].T)
+    sizes = np.array([np.ptp(points @ axes.T, axis=0) for axes in choices])
+    x, y, z = sizes.T
+    axes = choices[int(np.argmin(x * y + y * z + z * x))]
+    low, high = (points @ axes.T).min(axis=0), (points @ axes.T).max(axis=0)
+    half = np.maximum((high - low) / 2, LEAST_BOX_SHARE * max(float((high - low).max()), 1e-30))
+    return np.column_stack([axes / half[:, None], -(low + high) / 2 / half])
 
 
 def _clipped(clip_from_face: np.ndarray, plane: np.ndarray) -> np.ndarray:
