@@ -510,10 +510,27 @@ def test_no_surface(room, left):
     assert not scene_images(room.name)
 
 
-def test_a_render_of_nothing_does_not_tell_how_long_others_take(room):
+def test_a_short_render_does_not_tell_how_long_others_take(room, monkeypatch):
+    """What any render begins with is most of it: scaled by that, long ones would take many times as long as they do."""
+    monkeypatch.setattr(frame_state, "_time_factors", {})
+    monkeypatch.setattr(frame_state, "LEAST_TELLING_S", np.inf)
+    assert bpy.ops.vir.render() == {"FINISHED"}
+    assert frame_state.time_factor() is None
+    monkeypatch.setattr(frame_state, "LEAST_TELLING_S", 0.0)
+    assert bpy.ops.vir.render() == {"FINISHED"}
+    told = frame_state.time_factor()
+    assert told > 0
+    monkeypatch.setattr(frame_state, "LEAST_TELLING_S", np.inf)
+    assert bpy.ops.vir.render() == {"FINISHED"}
+    assert frame_state.time_factor() == told
+
+
+def test_a_render_of_nothing_does_not_tell_how_long_others_take(room, monkeypatch):
     """All that is in the picture, and in the way of light, is hidden: less is predicted than it takes to find that out."""
+    monkeypatch.setattr(frame_state, "LEAST_TELLING_S", 0.0)
     assert bpy.ops.vir.render() == {"FINISHED"}
     before = frame_state.time_factor()
+    assert before > 0
     for item in room.objects:
         item.hide_render = item.type == "MESH"
     bpy.ops.mesh.primitive_plane_add(location=(0.0, -100.0, 0.0))  # behind the camera

@@ -74,6 +74,8 @@ class SceneState:
 
 _states: dict[int, SceneState] = {}
 """session_uid of a scene -> its state"""
+LEAST_TELLING_S = 1.0
+"""of a render: shorter ones go by for the most part with what any render begins with, and tell nothing of long ones"""
 _time_factors: dict[str, float] = {}
 """device name -> what its last render took over what the plan had predicted"""
 
@@ -178,8 +180,10 @@ def _note_time(jobs: Mapping[str, LayerJob], layers: Mapping[str, PassSet], rend
     # where nothing is rendered next to nothing is predicted, and what took the time says nothing of other renders
     if predicted_ms > 0 and any(_has_work(passes.statistics) for passes in layers.values()):
         device = next(iter(layers.values())).statistics.device.partition(":")[0]
-        _time_factors.pop(device, None)  # the last one in the table is the last one used
-        _time_factors[device] = render_s * 1e3 / predicted_ms
+        before = _time_factors.pop(device, None)  # the last one in the table is the last one used
+        factor = render_s * 1e3 / predicted_ms if render_s >= LEAST_TELLING_S else before
+        if factor is not None:
+            _time_factors[device] = factor
 
 
 def _has_work(statistics: SetStatistics) -> bool:
