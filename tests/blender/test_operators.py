@@ -14,7 +14,7 @@ bpy = pytest.importorskip("bpy")
 import bmesh  # noqa: E402  (bpy decides whether this file runs)
 
 from vir_addon import blender  # noqa: E402
-from vir_addon.blender import devices, frame_state, job, operators, panels, report_file  # noqa: E402
+from vir_addon.blender import devices, frame_state, images, job, operators, panels, report_file  # noqa: E402
 from vir_addon.blender.images import scene_images  # noqa: E402
 from vir_addon.blender.object_names import named_object, write_names  # noqa: E402
 from vir_addon.blender.properties import settings_of, stored_values  # noqa: E402
@@ -268,6 +268,104 @@ def test_what_is_not_rendered_any_more_is_filled_in_a_renamed_scene_too(room):
     bpy.data.objects["Lamp"].hide_render = True
     bpy.ops.vir.render()
     assert (pixels_of(own) == 1.0).all()
+
+
+def append(path, **wanted):
+    """What is named so, by the kinds of the file's contents: images=["VIR Shadow"]"""
+    with bpy.data.libraries.load(str(path), link=False) as (source, target):
+        for kind, names in wanted.items():
+            assert set(names) <= set(getattr(source, kind))
+            setattr(target, kind, names)
+    return [item for kind in wanted for item in getattr(target, kind)]
+
+
+@pytest.mark.parametrize("is_first", [False, True])
+def test_pictures_that_are_appended_are_not_taken_for_this_scenes(room, tmp_path, is_first):
+    """From another version of the file: scenes, lights and images have the same names there."""
+    path = tmp_path / "other.blend"
+    bpy.ops.vir.render()
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    if is_first:  # render of this scene: nothing says yet which images are its own
+        del room[images.IMAGES_PROPERTY]
+        for image in list(bpy.data.images):
+            bpy.data.images.remove(image)
+    bpy.data.lights.remove(bpy.data.lights["Lamp"])
+    appended = append(path, images=["VIR Shadow Lamp", "VIR Shadow Key", "VIR Shadow"])
+    before = [pixels_of(image) for image in appended]
+    room.render.resolution_x = 64
+    for _ in range(2):
+        bpy.ops.vir.render()
+    own = scene_images(room.name)
+    assert not {*own.values()} & {*appended} and pixels_of(own["VIR Shadow Key"]).min() < 0.5
+    assert ("VIR Shadow Lamp" in own) != is_first
+    for image, pixels in zip(appended, before, strict=True):
+        np.testing.assert_array_equal(pixels_of(image), pixels)
+
+
+def test_an_appended_scene_brings_its_passes_and_leaves_this_ones_alone(room, tmp_path):
+    path = tmp_path / "other.blend"
+    bpy.ops.vir.render()
+    bpy.ops.vir.add_to_compositor()
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    own = scene_images(room.name)
+    before = {name: pixels_of(image) for name, image in own.items()}
+    room.vir.view_count = 16
+    (other,) = append(path, scenes=["Scene"])
+    assert other.name != "Scene" and (other.vir.view_count, other.vir.device) == (8, "MODERNGL")
+    brought = scene_images(other.name)
+    assert set(brought) == set(own) and not {*brought.values()} & {*own.values()} and scene_images(room.name) == own
+    other.render.resolution_x = 64
+    next(item for item in other.objects if item.name.startswith("Lamp")).hide_render = True
+    with bpy.context.temp_override(scene=other):
+        assert bpy.ops.vir.render() == {"FINISHED"}
+    images_now = scene_images(other.name)
+    assert (pixels_of(brought["VIR Shadow Lamp"]) == 1.0).all() and tuple(brought["VIR Shadow Lamp"].size) == (64, 27)
+    assert set(brought.values()) <= set(images_now.values())
+    for name, pixels in before.items():
+        np.testing.assert_array_equal(pixels_of(own[name]), pixels)
+
+
+def test_a_renamed_scene_takes_nothing_of_one_that_is_gone(room):
+    other = full_copy_of(room)
+    with bpy.context.temp_override(scene=other):
+        next(item for item in other.objects if item.name.startswith("Lamp")).name = "Moon"
+        bpy.ops.vir.render()
+    name, kept = other.name, scene_images(other.name)
+    before = {name: pixels_of(image) for name, image in kept.items()}
+    bpy.data.scenes.remove(other)
+    bpy.ops.vir.render()
+    own = scene_images(room.name)
+    room.name = name
+    room.render.resolution_x = 64
+    bpy.ops.vir.render()
+    assert scene_images(room.name) == own
+    for name, pixels in before.items():
+        np.testing.assert_array_equal(pixels_of(kept[name]), pixels)
+
+
+def test_a_copy_of_a_scene_gets_images_of_its_own(room):
+    """It points at the same as the scene that it was copied from."""
+    bpy.ops.vir.render()
+    own = scene_images(room.name)
+    other = full_copy_of(room)
+    assert not scene_images(other.name) and not any(images.is_used(image) for image in own.values())
+    with bpy.context.temp_override(scene=other):
+        bpy.ops.vir.render()
+    room.name = "Renamed"
+    bpy.ops.vir.render()
+    assert scene_images(room.name) == own and not {*own.values()} & {*scene_images(other.name).values()}
+
+
+def test_images_of_files_that_do_not_tell_their_scene_are_known_by_its_name(room):
+    bpy.ops.vir.render()
+    before = scene_images(room.name)
+    del room[images.IMAGES_PROPERTY]
+    for image in before.values():
+        del image[images.RECORDED_PROPERTY]
+    bpy.data.objects["Lamp"].hide_render = True
+    bpy.ops.vir.render()
+    assert scene_images(room.name) == before and (pixels_of(before["VIR Shadow Lamp"]) == 1.0).all()
+    assert all(image[images.RECORDED_PROPERTY] for image in before.values())
 
 
 def test_a_layer_without_lights_is_white_where_others_have_them(room):

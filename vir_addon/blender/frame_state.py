@@ -14,6 +14,7 @@ from ..core.errors import VirError
 from ..core.forecast import Forecast, make_forecast, predict_error
 from ..core.light_plan import PlannedPass
 from ..core.pass_set import REFLECTION_PASS_NAME, PassSet, PassStatistics, SetStatistics
+from .images import is_used
 from .job import LayerJob
 from .stepped_render import SteppedRender, stop_all
 
@@ -161,7 +162,7 @@ def note_unmade(scene: bpy.types.Scene, layer_name: str, filled: Mapping[str, bp
     notes = [
         f"{name} is not rendered in this frame: the pass is {'black' if name.startswith(REFLECTION_PASS_NAME) else 'white'}"
         for name, image in filled.items()
-        if image.users > image.use_fake_user
+        if is_used(image)
     ]
     for note in notes:
         add_note(scene, layer_name, note)

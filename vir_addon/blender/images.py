@@ -17,6 +17,12 @@ SCENE_PROPERTY = "vir_scene"
 LAYER_PROPERTY = "vir_layer"
 """custom property with the name of the view layer that the pass is of; empty for the first one, whose passes carry no layer's name"""
 
+IMAGES_PROPERTY = "vir_images"
+"""custom property of a scene, which points at its images: names and marks of images that come from another file may be the same"""
+RECORDED_PROPERTY = "vir_recorded"
+"""custom property of an image that a scene points at. Without it an image is of a linked scene, or of before scenes did; it is known by its
+scene's name"""
+
 MISSING_COLOR = (1.0, 0.0, 1.0)
 """what Blender shows where a texture is missing"""
 
@@ -32,8 +38,14 @@ def write_images(passes: PassSet, *, pack: bool = True, scene_name: str = "", la
     their names ("VIR Shadow Key (Foreground)"), here and in what is returned.
     """
     names = layer_pass_names(passes.images, layer_name)
-    _follow_renamed_scene(scene_name, names.values())
-    return {names[name]: _write_image(names[name], scene_name, layer_name, pixels, pack) for name, pixels in passes.images.items()}
+    scene = _recording_scene(scene_name)
+    if scene is None or IMAGES_PROPERTY not in scene:
+        _follow_renamed_scene(scene_name, names.values())
+    own = [image for image in scene_images(scene_name).values() if scene is not None and _is_of(image, scene)]
+    written = {names[name]: _write_image(names[name], scene_name, layer_name, pixels, pack) for name, pixels in passes.images.items()}
+    if scene is not None:
+        _record(scene, [*own, *written.values()])
+    return written
 
 
 def layer_images(passes_of_layers: Mapping[str, PassSet], scene_name: str, *, pack: bool = True) -> dict[str, bpy.types.Image]:
@@ -68,21 +80,24 @@ def fill_unmade(
 
 
 def find_image(pass_name: str, scene_name: str = "") -> bpy.types.Image | None:
-    """The image made here for the pass of the scene. Of several (an artist's copies carry the marks too) the one with the pass's name.
+    """The image made here for the pass of the scene: of those that the scene points at.
 
-    An image whose scene is no more, or has another name now, is taken where the scene has none of its own.
+    Scenes that cannot, or do not yet, know theirs by the scene's name; of several (an artist's copies carry the marks too) by the pass's
+    name. An image whose scene is no more, or has another name now, is taken where the scene has none of its own.
     """
-    ours = [image for image in bpy.data.images if image.library is None and image.get(PASS_PROPERTY) == pass_name]
-    others = {scene.name_full for scene in bpy.data.scenes if scene.name_full != scene_name}
-    ours = [image for image in ours if image.get(SCENE_PROPERTY, "") not in others]
+    ours = [image for image in _own_images(scene_name) if image.get(PASS_PROPERTY) == pass_name]
     return min(ours, key=lambda image: (image.get(SCENE_PROPERTY) != scene_name, image.name != pass_name, image.name), default=None)
 
 
 def scene_images(scene_name: str) -> dict[str, bpy.types.Image]:
     """Pass name -> image, of all passes that the scene has images of, by name."""
-    names = {image[PASS_PROPERTY] for image in bpy.data.images if image.library is None and image.get(PASS_PROPERTY)}
-    found = {name: find_image(name, scene_name) for name in sorted(names)}
+    found = {name: find_image(name, scene_name) for name in sorted({image[PASS_PROPERTY] for image in _own_images(scene_name)})}
     return {name: image for name, image in found.items() if image is not None}
+
+
+def is_used(image: bpy.types.Image) -> bool:
+    """Whether anything shows it: not the scene that points at it to know it as its own."""
+    return image.users - image.use_fake_user > sum(image in _recorded(scene) for scene in bpy.data.scenes)
 
 
 def mark_missing(scene_name: str) -> None:
@@ -102,10 +117,49 @@ def pack_unsaved(*_: Any) -> None:
             image.pack()
 
 
+def _recording_scene(scene_name: str) -> bpy.types.Scene | None:
+    """The scene, unless it is of another file and cannot be written."""
+    return next((scene for scene in bpy.data.scenes if scene.name_full == scene_name and scene.is_editable), None)
+
+
+def _recorded(scene: bpy.types.Scene) -> list[bpy.types.Image]:
+    """Without those that were deleted since."""
+    images = scene.get(IMAGES_PROPERTY, {}).values()
+    return [image for image in images if image is not None]
+
+
+def _record(scene: bpy.types.Scene, images: Iterable[bpy.types.Image]) -> None:
+    """Also under which name the scene has them now, which tells it from its copies."""
+    images = list(dict.fromkeys(images))
+    for image in images:
+        if not image.get(RECORDED_PROPERTY) or image.get(SCENE_PROPERTY) != scene.name_full:
+            image[RECORDED_PROPERTY], image[SCENE_PROPERTY] = True, scene.name_full
+    if set(images) != set(_recorded(scene)):
+        scene[IMAGES_PROPERTY] = {str(number): image for number, image in enumerate(images)}
+
+
+def _own_images(scene_name: str) -> list[bpy.types.Image]:
+    ours = [image for image in bpy.data.images if image.library is None and image.get(PASS_PROPERTY)]
+    scene = _recording_scene(scene_name)
+    if scene is not None and IMAGES_PROPERTY in scene:
+        recorded = set(_recorded(scene))
+        return [image for image in ours if image in recorded and _is_of(image, scene)]
+    others = {scene.name_full for scene in bpy.data.scenes if scene.name_full != scene_name}
+    return [image for image in ours if not image.get(RECORDED_PROPERTY) and image.get(SCENE_PROPERTY, "") not in others]
+
+
+def _is_of(image: bpy.types.Image, scene: bpy.types.Scene) -> bool:
+    """Of an image that the scene points at, or of before it did. Copies of a scene point at the other's, whose name they have."""
+    if image.get(SCENE_PROPERTY) == scene.name_full:
+        return True
+    others = (other for other in bpy.data.scenes if other != scene and other.library is None)
+    return image in _recorded(scene) and not any(image in _recorded(other) for other in others)
+
+
 def _follow_renamed_scene(scene_name: str, pass_names: Iterable[str]) -> None:
     """Images of a scene that has another name now are its own, also those of passes that are not made any more. One that has images of its
-    own has not been renamed since; others were of scenes that are gone."""
-    ours = [image for image in bpy.data.images if image.library is None and image.get(PASS_PROPERTY)]
+    own has not been renamed since; others were of scenes that are gone. For scenes that do not point at theirs."""
+    ours = [image for image in bpy.data.images if image.library is None and image.get(PASS_PROPERTY) and not image.get(RECORDED_PROPERTY)]
     if any(image.get(SCENE_PROPERTY) == scene_name for image in ours):
         return
     taken = next((found for name in pass_names if (found := find_image(name, scene_name)) is not None), None)
