@@ -22,6 +22,7 @@ from vir_addon.blender.stepped_render import SteppedRender  # noqa: E402
 from vir_addon.core.errors import DeviceError, SceneError  # noqa: E402
 from vir_addon.core.plan import settings_for  # noqa: E402
 from vir_addon.core.reflections.reflectors import Reflector  # noqa: E402
+from vir_addon.device.moderngl_device import ModernglComputeKernel  # noqa: E402
 
 
 @pytest.fixture
@@ -917,3 +918,31 @@ def test_figures_of_a_render_stay_with_lights_that_are_renamed_and_planned_again
     bpy.ops.vir.plan()
     assert state.made(name).error_estimate == figures[1]
     assert sum(len(layer.passes) for layer in state.statistics.values()) == 2  # with Fill
+
+
+def test_a_lost_device_is_told_with_what_to_do_and_another_one_opened(room, monkeypatch):
+    bpy.ops.vir.render()
+    before = pixels_of(scene_images(room.name)["VIR Shadow Key"])
+    bpy.data.objects["Cube"].location.x = 1.0
+    device = devices.get_device("moderngl")
+
+    def refuse(*_):
+        raise RuntimeError("context lost")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ModernglComputeKernel, "_dispatch", refuse)
+        with pytest.raises(RuntimeError, match=r"the graphics device failed or was lost \(context lost\): render again"):
+            bpy.ops.vir.render()
+    problem = frame_state.state_of(room).problem
+    assert "restart Blender" in problem and "internal" not in problem
+    np.testing.assert_array_equal(pixels_of(scene_images(room.name)["VIR Shadow Key"]), before)
+    assert bpy.ops.vir.render() == {"FINISHED"} and devices.get_device("moderngl") is not device
+    assert (pixels_of(scene_images(room.name)["VIR Shadow Key"]) != before).any() and not frame_state.state_of(room).problem
+
+
+def test_a_mistake_of_ours_is_no_lost_device(room, monkeypatch):
+    def mistaken(*_):
+        raise RuntimeError("ours")
+
+    monkeypatch.setattr("vir_addon.blender.stepped_render.check_device", mistaken)
+    refuse(bpy.ops.vir.render, "internal error, see the console: RuntimeError: ours")

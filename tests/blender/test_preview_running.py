@@ -199,14 +199,18 @@ def test_a_problem_is_said_and_mended(scene, viewport):
     assert "8 of 8 views" in viewport.texts[-1] and viewport.pictures
 
 
-def test_a_lost_device_is_said_and_another_one_opened_when_something_changes(scene, viewport, monkeypatch, capsys):
+@pytest.mark.parametrize("is_drivers", [False, True])
+def test_a_lost_device_is_said_and_another_one_opened_when_something_changes(scene, viewport, monkeypatch, capsys, is_drivers):
     switch_on(scene, viewport)
     (shown,) = running._running.viewports.values()
     device, tries = shown.preview.render.device, []
 
+    def refuse():
+        raise RuntimeError("the GPU is gone")
+
     def lost(*_):
         tries.append(1)
-        raise RuntimeError("the GPU is gone")
+        device.run(refuse) if is_drivers else refuse()
 
     monkeypatch.setattr(shown.preview.render, "_step", lost)
     monkeypatch.setattr(shown.preview.render, "close", lost)
@@ -216,8 +220,9 @@ def test_a_lost_device_is_said_and_another_one_opened_when_something_changes(sce
         tick()
     assert tries == [1, 1]
     viewport.draw()
-    assert "the GPU is gone" in viewport.texts[-1]
-    assert "the GPU is gone" in capsys.readouterr().err
+    assert ("the graphics device failed or was lost (the GPU is gone): " in viewport.texts[-1]) == is_drivers
+    assert ("internal error, see the console: RuntimeError: the GPU is gone" in viewport.texts[-1]) != is_drivers
+    assert is_drivers or "the GPU is gone" in capsys.readouterr().err
     scene.vir.use_preview = False
     viewport.draw()
     tick()

@@ -20,7 +20,7 @@ from vir_addon.cli.arguments import make_parser, settings_of
 from vir_addon.cli.commands import jobs_of
 from vir_addon.cli.progress import STAGE_TEXTS, ShownProgress
 from vir_addon.core.settings import ReflectionFilter, Settings
-from vir_addon.device.moderngl_device import ModernglDevice
+from vir_addon.device.moderngl_device import ModernglComputeKernel, ModernglDevice
 
 bpy = pytest.importorskip("bpy")
 OpenEXR = pytest.importorskip("OpenEXR")
@@ -394,6 +394,17 @@ def test_ctrl_c_while_blender_calls_scripts(blend, capfd):
         bpy.app.handlers.frame_change_post.remove(interrupt)
     assert "KeyboardInterrupt" not in capfd.readouterr().err
     assert steps == []  # nothing was begun after it
+
+
+def test_a_lost_device_has_its_status_and_says_what_to_do(blend, folder, monkeypatch, capsys):
+    def refuse(*_):
+        raise RuntimeError("context lost")
+
+    monkeypatch.setattr(ModernglComputeKernel, "_dispatch", refuse)
+    assert main(["render", str(blend), "--output", str(folder), "--device", "moderngl", *SIZE]) == 4
+    told = capsys.readouterr().err
+    assert told.startswith("vir: the graphics device failed or was lost (context lost): render again") and told.count("\n") == 1
+    assert not list(folder.glob("*.exr"))
 
 
 def test_ctrl_c_that_got_lost_is_heard_with_the_next_batch(blend, folder, monkeypatch):

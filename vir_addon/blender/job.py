@@ -15,6 +15,7 @@ from ..core.render import Progress, render
 from ..core.scene import SceneSnapshot
 from ..core.settings import Effect, Settings
 from ..core.stopwatch import OnStage
+from ..device.failure import as_told
 from ..device.interface import Device
 from .extract import snapshot
 from .extract.instances import is_animated
@@ -148,10 +149,15 @@ def _depends_on_time(trees: list[bpy.types.NodeTree | None]) -> bool:
 def run(job: LayerJob, device: Device, on_progress: Callable[[Progress], None] | None = None, on_stage: OnStage | None = None) -> PassSet:
     """Render to the end. KeyboardInterrupt and errors leave nothing behind on the device."""
     progress = None
-    with contextlib.closing(render(job.snapshot, job.plan, device, on_stage)) as steps:
-        for progress in steps:
-            if on_progress is not None:
-                on_progress(progress)
+    try:
+        with contextlib.closing(render(job.snapshot, job.plan, device, on_stage)) as steps:
+            for progress in steps:
+                if on_progress is not None:
+                    on_progress(progress)
+    except Exception as error:
+        if (told := as_told(error)) is not error:
+            raise told from error
+        raise
     if progress is None:
         raise RuntimeError("the render ended before its first batch")
     return progress.pass_set

@@ -16,6 +16,7 @@ from ..core.errors import SceneError, UsageError
 from ..core.pass_set import PassSet
 from ..core.plan import check_device
 from ..core.render import Progress, render_in_steps
+from ..device.failure import as_told
 from . import devices
 from .job import LayerJob
 
@@ -115,7 +116,7 @@ class SteppedRender:
         except (StopIteration, CancelledError):
             self.is_done = True
         except BaseException as error:  # shown by whoever steps, on the main thread
-            self.error = error
+            self.error = as_told(error)
             if isinstance(error, Exception) and not isinstance(error, UsageError | SceneError):  # a device that is lost stays so
                 devices.drop_device(self.device)
             self.is_done = True

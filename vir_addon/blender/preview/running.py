@@ -20,6 +20,7 @@ from ...core.errors import SceneError, UsageError, VirError
 from ...core.picture import Choice
 from ...core.picture import Shown as ShownPasses
 from ...core.settings import Settings
+from ...device.failure import as_told
 from .. import devices
 from ..extract.mesh_cache import MeshCache, changes_only_lights
 from ..extract.viewport_view import ViewportView, viewport_view
@@ -394,7 +395,7 @@ def _ask_for_redraws(regions: dict[int, bpy.types.Region]) -> None:
 
 def _give_up(shown: Shown, error: Exception) -> None:
     """Until something changes."""
-    shown.problem = _problem_text(error, shown.problem)
+    shown.problem = _problem_text(as_told(error), shown.problem)
     shown.is_stuck = True
     if shown.preview is None or isinstance(error, UsageError | SceneError) or shown.preview.must_read:
         return
@@ -403,7 +404,7 @@ def _give_up(shown: Shown, error: Exception) -> None:
     _close(shown)
 
 
-def _problem_text(error: Exception, told: str) -> str:
+def _problem_text(error: BaseException, told: str) -> str:
     """In words for the viewport. What nobody expected is printed too, unless it has been told before: it comes with every redraw."""
     if isinstance(error, VirError):
         return str(error)
