@@ -7,7 +7,7 @@ import pytest
 
 from tests.core.test_reflection_filter import ball_in_a_box, rms
 from tests.core.test_shaded_maps import rendered
-from tests.scenes import bumpy_sphere, floor, matte, mirror, perspective_camera, point_light, rectangle, snapshot
+from tests.scenes import bumpy_sphere, floor, matte, mirror, perspective_camera, point_light, rectangle, render_passes, snapshot
 from vir_addon.core.errors import UsageError
 from vir_addon.core.material import World
 from vir_addon.core.plan import plan
@@ -104,6 +104,19 @@ def test_the_same_picture_in_every_run(device):
     image, *_ = rendered(scene, device, LAZY, POISSON_SAMPLES, **POISSON)
     again, *_ = rendered(scene, device, LAZY, POISSON_SAMPLES, **POISSON)
     np.testing.assert_array_equal(again, image)
+
+
+@pytest.mark.parametrize("look_up", [LAZY, ReflectionLookUp.SHADED])
+def test_shadows_beside_it_do_not_change_what_is_shaded(device, look_up):
+    """They would have several eye samples a batch; what is shaded is of one."""
+    scene, chosen = lit_balls(), {"reflection_look_up": look_up, "bounces": 1, "view_count": 64, "device": device}
+    chosen |= {**POISSON, "reflection_sample_count": POISSON_SAMPLES} if look_up is LAZY else {"reflection_sample_count": 4}
+    alone = render_passes(scene, effects=(Effect.REFLECTION,), **chosen)["VIR Reflection"]
+    beside = render_passes(scene, effects=(Effect.SHADOW, Effect.REFLECTION), **chosen)["VIR Reflection"]
+    shown = alone.any(axis=-1)
+    assert shown.sum() > 500
+    np.testing.assert_allclose(beside[shown].mean(axis=0), alone[shown].mean(axis=0), rtol=0.04)
+    assert rms(beside - alone, shown) < 0.1
 
 
 def test_what_it_is_not_for_is_refused():

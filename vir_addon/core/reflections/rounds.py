@@ -43,7 +43,7 @@ def plan_rounds(
     """More rays are more rounds of a batch first, so that lights' maps serve as many as there is memory for.
 
     batch_count: what the lights call for; view_counts: of the lights; eye_samples_of: how many of each of so many batches shadows call for,
-    which are rounds as well, if there is memory for them
+    which are rounds as well, if there is memory for them, and if a batch may have several
     """
     wanted_count = wanted_rounds(settings)
     rounds, kept_bounces = min(math.ceil(wanted_count / batch_count), _most_rounds(settings)), bounces
@@ -51,7 +51,8 @@ def plan_rounds(
         rounds -= 1
     wanted = math.ceil(wanted_count / rounds)
     batch_count = _even_batch_count(max(wanted, batch_count), tuple(view_counts))
-    eye_samples = eye_samples_of(batch_count)
+    # what is shaded is of one eye sample, whatever shadows would have
+    eye_samples = 1 if settings.reflection_look_up.shades_texels else eye_samples_of(batch_count)
     while rounds < eye_samples and hits_mib(snapshot, rounds + 1, bounces) <= MAX_HITS_MIB:
         rounds += 1
     while kept_bounces > 1 and hits_mib(snapshot, rounds, kept_bounces) > MAX_HITS_MIB:
