@@ -29,7 +29,7 @@ void main() {
         vec3 shading = unpack_direction(normal.w);
 #ifdef NORMAL_MAPS
         // where texels are shaded again, what is there is mapped already
-        float side = dot(scaled_geometric_normal(instance, triangle), normal.xyz) < 0.0 ? -1.0 : 1.0;
+        float side = shown_side(instance, triangle, normal.xyz);
         shading = side * shading_normal(instance, triangle, int(hit.x), weights, side * normal.xyz);
 #endif
         Surface surface = surface_at(int(position.w), instance, triangle, int(hit.x), weights, normal.xyz, shading);

@@ -47,7 +47,7 @@ void main() {
         TriangleData triangle = load_triangle(instance, triangle_index);
         vec3 weights = vec3(1.0 - surface_texel.y - surface_texel.z, surface_texel.yz);
         // that of the G-buffer is rounded to a thousandth, which a mirror would show
-        float side = dot(scaled_geometric_normal(instance, triangle), normal.xyz) < 0.0 ? -1.0 : 1.0;
+        float side = shown_side(instance, triangle, normal.xyz);
         vec3 shading = side * shading_normal(instance, triangle, triangle_index, weights, side * normal.xyz);
         Surface surface = surface_at(instance_index, instance, triangle, triangle_index, weights, normal.xyz, shading);
 #ifdef FILTERED

@@ -45,7 +45,7 @@ void main() {
         int triangle_index = int(surface_texel.x);
         TriangleData triangle = load_triangle(instance, triangle_index);
         vec3 weights = vec3(1.0 - surface_texel.y - surface_texel.z, surface_texel.yz);
-        float side = dot(scaled_geometric_normal(instance, triangle), normal.xyz) < 0.0 ? -1.0 : 1.0;
+        float side = shown_side(instance, triangle, normal.xyz);
         vec3 shading = side * shading_normal(instance, triangle, triangle_index, weights, side * normal.xyz);
         Surface surface = surface_at(instance_index, instance, triangle, triangle_index, weights, normal.xyz, shading);
         ReflectionMap map = load_map(map_number);

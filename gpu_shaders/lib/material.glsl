@@ -240,7 +240,7 @@ Surface surface_at(
     int normal_layer = int(header.z);
     if (normal_layer >= 0) {
         // a normal map is that of the front
-        float side = dot(geometric_ws, scaled_geometric_normal(instance, triangle)) < 0.0 ? -1.0 : 1.0;
+        float side = shown_side(instance, triangle, geometric_ws);
         surface.normal_ws =
             side * mapped_normal(point, normal_layer, triangle, side * shading_ws, r[INPUT_NORMAL_COLOR], r[INPUT_NORMAL_STRENGTH].x);
     }

@@ -72,3 +72,8 @@ TriangleData load_triangle(InstanceData instance, int triangle) {
 vec3 scaled_geometric_normal(InstanceData instance, TriangleData triangle) {
     return instance.orientation * cross(triangle.position_ws[1] - triangle.position_ws[0], triangle.position_ws[2] - triangle.position_ws[0]);
 }
+
+// Which side of a triangle shows a surface with this geometric normal: 1 its front, -1 its back.
+float shown_side(InstanceData instance, TriangleData triangle, vec3 geometric_ws) {
+    return dot(scaled_geometric_normal(instance, triangle), geometric_ws) < 0.0 ? -1.0 : 1.0;
+}

@@ -32,14 +32,14 @@ SMALL_PERIMETER_TEXELS = 12.0
 MAP_NS_PER_TEXEL = 60.0
 SHADING_NS_PER_TEXEL = 850.0
 """of a round, of maps that are shaded whole, coarser levels and a lamp's light included: 2.2 s for 2.6 million"""
+NEEDED_PLACE_NS = 1600.0
+"""of a texel that samples need: .5 s for 325,000"""
 LOOK_UPS_PER_RAY = 900.0
 """A reflected ray, and the one that the world lights its hit along, took about ten microseconds on a software rasterizer."""
-"""of a software rasterizer; on a GPU none of these was measured yet"""
 LOOK_UPS_PER_SHADED_RAY, LOOK_UPS_PER_SAMPLE = 70.0, 20.0
 """of cubes whose texels are shaded, which no ray is followed through: reflecting it took .7 microseconds, and each of 25 samples
 that are marked and filtered .2"""
-NEEDED_PLACE_NS = 1600.0
-"""of a texel that samples need: .5 s for 325,000"""
+"""of a software rasterizer; on a GPU none of these was measured yet"""
 PLACES_PER_EYE_POINT = 1.6
 """that are shaded for a point of the eye's pixels: blocks of texels go by powers of 2, and several pixels share those between them"""
 FACES_OF_INSTANCE = 2
