@@ -319,8 +319,20 @@ def test_a_log_has_a_line_for_each_step(blend, folder):
     layers = ("ViewLayer", "Second.Layer")
     reading = [f"frame 1: {what} {layer}" for layer in layers for what in ("evaluating", "reading")]
     assert steps[:4] == reading
-    assert steps[4::2] == [f"frame 1 {layer}: preparing 1 light" for layer in layers]
+    predicted = [re.fullmatch(r"(.*), about ([0-9.]+) m?s in all", line) for line in steps[4::2]]
+    assert [found and found[1] for found in predicted] == [f"frame 1 {layer}: preparing 1 light" for layer in layers]
     assert all(line.startswith(f"frame 1 {layer}: 8/8 views, error") for line, layer in zip(steps[5::2], layers, strict=True))
+
+
+def test_a_log_of_a_long_render_tells_how_it_goes_on(blend, folder, monkeypatch, capsys):
+    """With a line after every batch here, which a test cannot wait for."""
+    monkeypatch.setattr("vir_addon.cli.progress.LOG_INTERVAL_S", 0.0)
+    assert main(["render", str(blend), "--output", str(folder / "long"), *SIZE, "--views", "32"]) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("frame 1 ViewLayer: ")]
+    assert lines[0].startswith("frame 1 ViewLayer: preparing 1 light, about ")
+    went_on = [re.fullmatch(r"frame 1 ViewLayer: (\d+)/32 views, error [^ ]+, \d+ s left", line) for line in lines[1:-1]]
+    assert [found and int(found[1]) for found in went_on] == [8, 16, 24]
+    assert lines[-1].startswith("frame 1 ViewLayer: 32/32 views, error ")
 
 
 @pytest.fixture(scope="module", autouse=True)

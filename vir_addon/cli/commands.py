@@ -149,6 +149,5 @@ def _render_layer(job: LayerJob, device: Device, console: Console, title: str) -
     from ..blender.job import run
 
     with ShownProgress(console, title) as shown:
-        light_count = sum(planned.runs for planned in job.plan.passes)
-        shown.large_step(f"preparing {light_count} light{'s' * (light_count != 1)}")
+        shown.preparing(sum(planned.runs for planned in job.plan.passes), job.plan.predicted_ms)
         return run(job, device, shown.batch, shown.stage)

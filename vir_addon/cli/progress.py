@@ -11,7 +11,7 @@ from rich.progress import Progress as Bar
 
 from ..core.render import Progress
 from .interrupts import stop_if_asked
-from .report import error_text
+from .report import error_text, milliseconds
 
 STAGE_TEXTS = {
     "upload": "uploading the scene",
@@ -27,6 +27,9 @@ STAGE_TEXTS = {
 }
 """stages of `render` -> what is shown before the first batch is done; a light's name follows where there is one"""
 
+LOG_INTERVAL_S = 30.0
+"""between lines about batches in a file or log, so that whoever watches a farm sees that long frames go on"""
+
 
 class ShownProgress:
     """Use it as a context manager around reading a frame, or rendering one view layer of it."""
@@ -34,7 +37,9 @@ class ShownProgress:
     def __init__(self, console: Console, title: str) -> None:
         self.console, self.title = console, title
         self._start_s = time.perf_counter()
+        self._logged_s = self._start_s
         self._latest: Progress | None = None
+        self._predicted = ""
         # no markup: users name their lights as they like
         title_column, status_column = (TextColumn(text, markup=False) for text in ("{task.description}", "{task.fields[status]},"))
         columns = (title_column, BarColumn(), status_column, TimeElapsedColumn())
@@ -58,10 +63,15 @@ class ShownProgress:
         self._bar.update(self._task, status=text)
         self._log(text)
 
+    def preparing(self, light_count: int, predicted_ms: float) -> None:
+        """A render begins. Until its first batch is done, only the plan can tell how long it will take."""
+        self._predicted = f", about {milliseconds(predicted_ms)} in all"
+        self.large_step(f"preparing {light_count} light{'s' * (light_count != 1)}{self._predicted}")
+
     def stage(self, name: str, light_name: str | None) -> None:
         """A stage of the render begins; may be called from any thread."""
         if self._latest is None:
-            self._bar.update(self._task, status=" ".join(filter(None, (STAGE_TEXTS[name], light_name))))
+            self._bar.update(self._task, status=" ".join(filter(None, (STAGE_TEXTS[name], light_name))) + self._predicted)
 
     def batch(self, progress: Progress) -> None:
         stop_if_asked()
@@ -70,11 +80,14 @@ class ShownProgress:
         views = (max(progress.views_total, 1), progress.views_done if progress.views_total else 1)
         status = f"{self._views_text(progress)}, {progress.seconds_left:.0f} s left"
         self._bar.update(self._task, total=views[0], completed=views[1], status=status)
+        if time.perf_counter() - self._logged_s >= LOG_INTERVAL_S and progress.batches_done < progress.batches_total:
+            self._log(status)
 
     @staticmethod
     def _views_text(progress: Progress) -> str:
         return f"{progress.views_done}/{progress.views_total} views, error {error_text(progress.error_estimate)}"
 
     def _log(self, text: str) -> None:
+        self._logged_s = time.perf_counter()
         if not self.console.is_terminal:
             self.console.print(f"{self.title}: {text}", highlight=False, markup=False, soft_wrap=True)
