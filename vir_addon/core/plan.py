@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from .light_plan import (
 from .pass_set import unique_pass_names
 from .passes.eye import least_visibility_size
 from .reflections.reflectors import PlannedReflections, choose_reflectors
-from .reflections.rounds import ReflectionRounds, least_ray_batches, plan_rounds, wanted_rounds
+from .reflections.rounds import least_ray_batches, plan_rounds, wanted_rounds
 from .sampling import pixel_offsets
 from .scene import Light, SceneSnapshot, has_same_picture
 from .settings import Effect, Hardware, Method, PointGeneration, ReflectionFilter, Settings
@@ -136,15 +137,67 @@ def plan(
         if reflections.runs:
             wanted = (reflected_light_job(snapshot, light, names[light.name], settings, bounds) for light in snapshot.lights)
             reflected_jobs = [job for job in wanted if job is not None]
+    steps = _plan_steps(snapshot, settings, jobs, reflected_jobs, reflections)
+    batches = Steps(steps.batch_count, steps.batch_count * steps.eye_samples_per_batch)
+    known: KnownLines = {}
+    if before is not None and batches == before[1].steps:
+        known = known_lines(snapshot.lights, before[0].lights, before[1].passes, before[1].reflected_lights)
+    passes, reflected_lights = plan_lights(snapshot, jobs, reflected_jobs, bounds, batches, known, once.likely_faces)
+    # as if each light had two sets of maps: whether one serves both is known when surfaces are
+    lights_ms = sum(planned.predicted_ms for planned in [*passes, *reflected_lights])
+    predicted_ms = lights_ms + cost.eye_ms(snapshot, settings, steps.eye_sample_count)
+    picture_px = snapshot.width_px, snapshot.height_px
+    if reflections is not None:
+        reflections = replace(reflections, bounces=steps.bounces)
+        predicted_ms += reflections.predicted_ms
+    return RenderPlan(
+        settings=settings,
+        bounds=bounds,
+        passes=passes,
+        batch_count=steps.batch_count,
+        eye_samples_per_batch=steps.eye_samples_per_batch,
+        eye_sample_count=steps.eye_sample_count,
+        edge_sample_count=min(steps.eye_sample_count, steps.most_edge_samples),
+        most_edge_samples=steps.most_edge_samples,
+        picture_px=picture_px,
+        visibility_px=least_visibility_size(picture_px, pixel_offsets(snapshot.pixel_filter, steps.eye_sample_count)),
+        notes=(*snapshot.notes, *[NO_LIGHT_NOTE] * (Effect.SHADOW in settings.effects and not lights), *steps.notes),
+        predicted_ms=predicted_ms,
+        reflections=reflections,
+        reflected_lights=reflected_lights,
+    )
+
+
+class _FrameSteps(NamedTuple):
+    batch_count: int
+    eye_samples_per_batch: int
+    eye_sample_count: int
+    most_edge_samples: int
+    bounces: int
+    """of reflections"""
+    notes: tuple[str, ...]
+
+
+def _plan_steps(
+    snapshot: SceneSnapshot,
+    settings: Settings,
+    jobs: list[LightJob],
+    reflected_jobs: list[LightJob],
+    reflections: PlannedReflections | None,
+) -> _FrameSteps:
+    """In how many batches a frame comes, and with how many eye samples each: as the light of most views calls for, and reflections' rays.
+
+    jobs: of the shadow passes; reflected_jobs: of lights in what reflectors show
+    """
     running = [job for job in [*jobs, *reflected_jobs] if job.skipped is None]
     # a light that needs no map takes the steps of those that do
     view_counts = [job.view_count for job in [job for job in running if job.sealed_by is None] or running]
-    needs_rounds = reflections is not None and reflections.runs
-    has_passes = any(job.skipped is None for job in jobs)
     most_views = max(view_counts, default=0)
+    has_passes = any(job.skipped is None for job in jobs)
     only_reflects = _only_reflects(has_passes, reflections)
+    reflects = reflections is not None and reflections.runs
     # reflections trace rays for each
-    most_edge_samples = MAX_EYE_SAMPLES if needs_rounds else most_eye_samples_for(snapshot, most_views, settings)
+    most_edge_samples = MAX_EYE_SAMPLES if reflects else most_eye_samples_for(snapshot, most_views, settings)
     batch_count = 1
     if most_views:
         batch_count = light_batch_count(most_views, settings.map_resolution_px, settings, only_reflects, most_edge_samples)
@@ -152,45 +205,19 @@ def plan(
     def eye_samples_of(batch_count: int) -> int:
         return 1 if only_reflects else eye_samples_of_batch(most_views, batch_count, settings, most_edge_samples)
 
-    notes = list(snapshot.notes)
-    notes += [NO_LIGHT_NOTE] if Effect.SHADOW in settings.effects and not lights else []
-    rounds: ReflectionRounds | None = None
-    if reflections is not None and reflections.runs:
-        rounds = plan_rounds(snapshot, settings, reflections.bounces, batch_count, view_counts, eye_samples_of)
-        reflections, batch_count = replace(reflections, bounces=rounds.bounces), rounds.batch_count
-        notes += [rounds.note] if rounds.note else []
-        notes += [SHARED_MAPS_NOTE] if has_passes else []
-    eye_samples_per_batch = eye_samples_of(batch_count) if rounds is None else rounds.rounds_per_batch
-    most_eye_samples = max(most_edge_samples, settings.reflection_sample_count * needs_rounds)
+    bounces = 0 if reflections is None else reflections.bounces
+    notes: tuple[str, ...] = ()
+    if reflects:
+        rounds = plan_rounds(snapshot, settings, bounces, batch_count, view_counts, eye_samples_of)
+        batch_count, eye_samples_per_batch, bounces = rounds.batch_count, rounds.rounds_per_batch, rounds.bounces
+        notes = (*([rounds.note] if rounds.note else []), *[SHARED_MAPS_NOTE] * has_passes)
+    else:
+        eye_samples_per_batch = eye_samples_of(batch_count)
+    most_eye_samples = max(most_edge_samples, settings.reflection_sample_count * reflects)
     if only_reflects and settings.reflection_filter is not ReflectionFilter.EYE:
         most_eye_samples = 1
     eye_sample_count = min(batch_count * eye_samples_per_batch, most_eye_samples)
-    steps = Steps(batch_count, batch_count * eye_samples_per_batch)
-    known: KnownLines = {}
-    if before is not None and steps == before[1].steps:
-        known = known_lines(snapshot.lights, before[0].lights, before[1].passes, before[1].reflected_lights)
-    passes, reflected_lights = plan_lights(snapshot, jobs, reflected_jobs, bounds, steps, known, once.likely_faces)
-    # as if each light had two sets of maps: whether one serves both is known when surfaces are
-    lights_ms = sum(planned.predicted_ms for planned in [*passes, *reflected_lights])
-    eye_ms = cost.eye_ms(snapshot, settings, eye_sample_count)
-    picture_px = snapshot.width_px, snapshot.height_px
-    reflections_ms = reflections.predicted_ms if reflections is not None else 0.0
-    return RenderPlan(
-        settings=settings,
-        bounds=bounds,
-        passes=passes,
-        batch_count=batch_count,
-        eye_samples_per_batch=eye_samples_per_batch,
-        eye_sample_count=eye_sample_count,
-        edge_sample_count=min(eye_sample_count, most_edge_samples),
-        most_edge_samples=most_edge_samples,
-        picture_px=picture_px,
-        visibility_px=least_visibility_size(picture_px, pixel_offsets(snapshot.pixel_filter, eye_sample_count)),
-        notes=tuple(notes),
-        predicted_ms=lights_ms + eye_ms + reflections_ms,
-        reflections=reflections,
-        reflected_lights=reflected_lights,
-    )
+    return _FrameSteps(batch_count, eye_samples_per_batch, eye_sample_count, most_edge_samples, bounces, notes)
 
 
 def _plan_reflections(snapshot: SceneSnapshot, settings: Settings, bounds: SceneBounds, in_picture: np.ndarray) -> PlannedReflections:
