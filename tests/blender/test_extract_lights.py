@@ -225,6 +225,36 @@ def test_lights_without_shadow_and_hidden_lights(add, take):
     assert {light.name: light.casts_shadow for light in take().lights} == {"hidden in the viewport": True, "open": False}
 
 
+def test_lights_of_other_frames_and_view_layers_are_named(add, take, scene):
+    """Not those that no frame shows."""
+    lamps, props, never = (bpy.data.collections.new(name) for name in ("Lamps", "Props", "Never"))
+    add.light("Bulb", "POINT", collection=lamps)
+    post = add.instance_of(lamps, "Post")
+    scene.collection.objects.unlink(post)
+    props.objects.link(post)
+    street = add.instance_of(props, "Street")
+    street.hide_render = True
+    for hidden in (add.light("Keyed"), street):
+        hidden.hide_render = True
+        hidden.keyframe_insert("hide_render", frame=1)
+    add.light("Hidden", hide_render=True)
+    add.light("Key")
+    for collection in (back := bpy.data.collections.new("Back"), never):
+        scene.collection.children.link(collection)
+        scene.view_layers[0].layer_collection.children[collection.name].exclude = True
+    never.hide_render = True
+    add.light("Rim", collection=back)
+    add.light("Rim hidden", collection=back, hide_render=True)
+    add.light("Never", collection=never)
+    scene.view_layers.new("Second")
+    taken = take()
+    assert [light.name for light in taken.lights] == ["Key"]
+    assert taken.lights_elsewhere == ("Bulb (Street)", "Keyed", "Rim")
+    street.animation_data_clear()
+    street.hide_render = False
+    assert [light.name for light in take().lights] == ["Bulb (Street)", "Key"], "and by the names that they have there"
+
+
 def test_instanced_lights_have_stable_names_of_their_own(add, take):
     lamps = bpy.data.collections.new("Lamps")
     add.light("Key", collection=lamps, location=(0.0, 0.0, 1.0))

@@ -121,8 +121,10 @@ def test_a_frame_larger_than_textures_is_told_in_a_sentence(animated, capsys):
     assert frame_state.state_of(animated).problem.startswith(told) and f"VIR: frame 1, ViewLayer: {told}" in capsys.readouterr().out
 
 
-def test_frames_without_a_light_do_not_show_its_shadow_of_another(animated, add, tmp_path, capsys):
-    add.light("Lamp", "POINT", data={"energy": 500.0}, location=(-2.0, -1.0, 6.0))
+@pytest.mark.parametrize("is_only_one_chosen", [False, True])
+def test_frames_without_a_light_do_not_show_its_shadow_of_another(animated, add, tmp_path, capsys, is_only_one_chosen):
+    lamp = add.light("Lamp", "POINT", data={"energy": 500.0}, location=(-2.0, -1.0, 6.0))
+    lamp.data.vir.use_pass = not is_only_one_chosen
     key = bpy.data.objects["Key"]
     for frame in (1, 2, 3):
         key.hide_render = frame == 2

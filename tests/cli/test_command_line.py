@@ -136,6 +136,28 @@ def test_what_is_left_out_is_counted_in_plan_and_statistics(folder, capsys):
     assert [text.split(":")[0] for text in layer["left_out"]] == ["Broken", "Fog", "Smoke"]
 
 
+def test_a_light_that_a_frame_hides_is_white_there(blend, folder, capsys):
+    path, output = folder / "blinking.blend", folder / "blinking"
+    build(path)
+    key, fill = bpy.data.objects["Key.001"], bpy.data.objects["Key.001"].copy()
+    fill.name = "Fill"
+    bpy.context.scene.collection.objects.link(fill)
+    for frame in (1, 2):
+        key.hide_render = frame == 2
+        key.keyframe_insert("hide_render", frame=frame)
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    arguments = ["--frames", "1-2", "--lights", "Key.001", *SIZE]
+    assert main(["render", str(path), "--output", str(output), *arguments]) == 0
+    assert "'Key.001' is not rendered in this frame and view layer: its pass is white" in capsys.readouterr().out
+    images = []
+    for frame in (1, 2):
+        with OpenEXR.File(str(output / f"blinking_{frame:04d}.exr"), separate_channels=True) as file:
+            channels = file.parts[0].channels
+            assert not [name for name in channels if "Fill" in name]
+            images.append(channels["ViewLayer.VIR Shadow Key_001.V"].pixels)
+    assert images[0].min() < 0.1 and (images[1] == 1).all()
+
+
 def test_plan_says_why_and_does_nothing(blend, folder):
     before = sorted(folder.rglob("*"))
     done = vir("plan", blend)

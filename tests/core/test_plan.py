@@ -161,6 +161,31 @@ def test_unknown_light_is_answered_with_those_there_are():
         plan(scene_with(area_light(), area_light("Fill")), Settings(light_names=("Sun",)))
 
 
+def test_a_light_of_other_frames_is_white_if_it_is_asked_for(device):
+    scene = dataclasses.replace(scene_with(area_light()), lights_elsewhere=("Fill", "Lamp.001", "Lamp_001"))
+    settings = Settings(light_names=("Key", "Lamp.001"), view_count=8)
+    key, lamp = plan(scene, settings).passes
+    assert key.runs and not lamp.runs and "not rendered in this frame" in lamp.reason
+    assert lamp.pass_name == "VIR Shadow Lamp_001_2", "as in frames that have the other one as well"
+    assert [note for note in plan(scene, settings).notes if "'Lamp.001'" in note and "white" in note]
+    passes = render_passes(scene, device, light_names=("Key", "Lamp.001"), view_count=8)
+    assert sorted(passes) == ["VIR Shadow", "VIR Shadow Key", lamp.pass_name]
+    assert passes["VIR Shadow Key"].min() < 0.1 and (passes[lamp.pass_name] == 1).all()
+    np.testing.assert_array_equal(passes["VIR Shadow"], render_passes(scene, device, light_names=("Key",), view_count=8)["VIR Shadow"])
+    assert [planned.light_name for planned in plan(scene, Settings()).passes] == ["Key"]
+    with pytest.raises(UsageError, match=r"'Sun'.*'Fill', 'Key', 'Lamp"):
+        plan(scene, Settings(light_names=("Fill", "Sun")))
+
+
+def test_none_but_lights_of_other_frames(device):
+    scene = dataclasses.replace(scene_with(), lights_elsewhere=("Key",))
+    for names in (None, ("Key",)):
+        passes = render_passes(scene, device, light_names=names, view_count=8)
+        assert sorted(passes) == ["VIR Shadow", *(["VIR Shadow Key"] if names else [])]
+        assert all((pixels == 1).all() for pixels in passes.values())
+    assert plan(scene, Settings(light_names=("Key",), effects=frozenset({Effect.REFLECTION}))).passes == ()
+
+
 def test_no_light_at_all():
     with pytest.raises(SceneError, match="no light"):
         plan(scene_with(), Settings())

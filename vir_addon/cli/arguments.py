@@ -142,7 +142,7 @@ def _add_input_arguments(parser: argparse.ArgumentParser) -> None:
         metavar=",".join(effect.value for effect in Effect),
         help="which passes; default: shadow",
     )
-    parser.add_argument("--lights", type=parse_names, metavar="Key,Fill", help="only these lights; default: all")
+    parser.add_argument("--lights", type=parse_names, metavar="Key,Fill", help="only these lights; white in frames without; default: all")
     parser.add_argument(
         "--device",
         choices=("moderngl", "gpu"),

@@ -116,8 +116,9 @@ def plan(
     none elsewhere.
     """
     once = PlannedOnce() if once is None else once
-    lights = _chosen_lights(snapshot, settings)
-    names = unique_pass_names([light.name for light in snapshot.lights])
+    lights, absent = _chosen_lights(snapshot, settings)
+    # a light keeps its pass's name in frames that lack another
+    names = unique_pass_names([*(light.name for light in snapshot.lights), *snapshot.lights_elsewhere])
     if before is not None and (before[1].settings != settings or not has_same_picture(snapshot, before[0])):
         before = None
     bounds = compute_bounds(snapshot) if before is None else before[1].bounds
@@ -137,12 +138,16 @@ def plan(
         if reflections.runs:
             wanted = (reflected_light_job(snapshot, light, names[light.name], settings, bounds) for light in snapshot.lights)
             reflected_jobs = [job for job in wanted if job is not None]
+    notes = list(snapshot.notes)
+    notes += [NO_LIGHT_NOTE] if Effect.SHADOW in settings.effects and not lights else []
+    notes += [f"{name!r} is not rendered in this frame and view layer: its pass is white" for name in absent]
     steps = _plan_steps(snapshot, settings, jobs, reflected_jobs, reflections)
     batches = Steps(steps.batch_count, steps.batch_count * steps.eye_samples_per_batch)
     known: KnownLines = {}
     if before is not None and batches == before[1].steps:
         known = known_lines(snapshot.lights, before[0].lights, before[1].passes, before[1].reflected_lights)
     passes, reflected_lights = plan_lights(snapshot, jobs, reflected_jobs, bounds, batches, known, once.likely_faces)
+    passes = tuple(sorted([*passes, *(_absent_pass(name, names[name]) for name in absent)], key=lambda planned: planned.light_name))
     # as if each light had two sets of maps: whether one serves both is known when surfaces are
     lights_ms = sum(planned.predicted_ms for planned in [*passes, *reflected_lights])
     predicted_ms = lights_ms + cost.eye_ms(snapshot, settings, steps.eye_sample_count)
@@ -161,7 +166,7 @@ def plan(
         most_edge_samples=steps.most_edge_samples,
         picture_px=picture_px,
         visibility_px=least_visibility_size(picture_px, pixel_offsets(snapshot.pixel_filter, steps.eye_sample_count)),
-        notes=(*snapshot.notes, *[NO_LIGHT_NOTE] * (Effect.SHADOW in settings.effects and not lights), *steps.notes),
+        notes=(*notes, *steps.notes),
         predicted_ms=predicted_ms,
         reflections=reflections,
         reflected_lights=reflected_lights,
@@ -281,16 +286,23 @@ def _only_reflects(has_passes: bool, reflections: PlannedReflections | None) -> 
     return reflections is not None and reflections.runs and not has_passes
 
 
-def _chosen_lights(snapshot: SceneSnapshot, settings: Settings) -> list[Light]:
-    known = {light.name: light for light in snapshot.lights}
+def _chosen_lights(snapshot: SceneSnapshot, settings: Settings) -> tuple[list[Light], list[str]]:
+    """And the names of those that were asked for and are not rendered here, but elsewhere."""
+    lights, absent = list(snapshot.lights), []
     if settings.light_names is not None:
+        wanted = set(settings.light_names)
+        known = {light.name for light in lights} | set(snapshot.lights_elsewhere)
         missing = [name for name in settings.light_names if name not in known]
         if missing:
-            raise UsageError(f"no light named {', '.join(map(repr, missing))}; the scene has {', '.join(map(repr, known)) or 'none'}")
-        lights = [light for light in snapshot.lights if light.name in settings.light_names]
-    else:
-        lights = list(snapshot.lights)
-    if not lights and Effect.SHADOW in settings.effects and not snapshot.has_lights_elsewhere:
+            has = ", ".join(map(repr, sorted(known))) or "none"
+            raise UsageError(f"no light named {', '.join(map(repr, missing))} is rendered; the scene has {has}")
+        lights = [light for light in lights if light.name in wanted]
+        absent = [name for name in snapshot.lights_elsewhere if name in wanted] if Effect.SHADOW in settings.effects else []
+    if not lights and Effect.SHADOW in settings.effects and not snapshot.lights_elsewhere:
         left_out = "".join(f"; {item.object_name} is left out: {item.reason}" for item in snapshot.left_out if item.is_light)
         raise SceneError(f"scene {snapshot.scene_name!r} has no light that is rendered; add a light or enable one for rendering{left_out}")
-    return lights
+    return lights, absent
+
+
+def _absent_pass(light_name: str, pass_name: str) -> PlannedPass:
+    return PlannedPass(light_name, pass_name, runs=False, reason="skipped: not rendered in this frame and view layer")

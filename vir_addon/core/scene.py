@@ -329,8 +329,8 @@ class SceneSnapshot:
     world_origin_m: np.ndarray
     """(3,) float64, what was subtracted from Blender's world coordinates"""
     left_out: tuple[LeftOut, ...] = ()
-    has_lights_elsewhere: bool = False
-    """there is none here, but in other frames or view layers there may be: nothing has to be mended"""
+    lights_elsewhere: tuple[str, ...] = ()
+    """names, sorted, of lights that are not rendered here and may be in other frames or view layers: nothing has to be mended"""
     notes: tuple[str, ...] = ()
     """decisions taken on the way in that the user should know, e.g. about the render border"""
     materials: tuple[Material, ...] = ()

@@ -23,9 +23,9 @@ from ..render_depsgraph import engine_of
 from .camera import Picture, extract_camera, extract_picture, extract_pixel_filter
 from .instances import PlacedInstances, SurfaceRows
 from .light_linking import SceneLinking
-from .lights import LightRow, UnusableLight, name_lights, notes_on_lights, place_light
+from .lights import LightRow, UnusableLight, instanced_name, name_lights, notes_on_lights, place_light
 from .mesh_cache import MaterialReaders, MeshCache
-from .scene_walk import CountedWalk, SceneWalk
+from .scene_walk import CountedWalk, SceneWalk, hidden_by_collections
 from .viewport_view import ViewportView
 from .world import WorldReader
 
@@ -122,7 +122,7 @@ class SceneReading:
             pixel_filter=extract_pixel_filter(scene, engine_of(depsgraph.scene)),
             world_origin_m=placed.world_origin_m,
             left_out=_sorted_left_out([*surfaces.left_out, *walk.left_out_lights, *unplaced]),
-            has_lights_elsewhere=not lights and view is None and _has_lights_elsewhere(depsgraph.scene, depsgraph.view_layer),
+            lights_elsewhere=_lights_elsewhere(depsgraph, lights) if view is None else (),
             notes=(*(_notes(depsgraph, placed) if view is None else []), *notes_on_lights(walk.light_rows), *surfaces.notes),
             materials=appearance.materials if appearance else (),
             material_sets=surfaces.material_sets if appearance else (),
@@ -227,12 +227,36 @@ def _sorted_left_out(left_out: list[LeftOut]) -> tuple[LeftOut, ...]:
     return tuple(sorted(summed, key=lambda one: (one.object_name, one.reason, one.vertex_count, one.triangle_count)))
 
 
-def _has_lights_elsewhere(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> bool:
+def _lights_elsewhere(depsgraph: bpy.types.Depsgraph, here: tuple[Light, ...]) -> tuple[str, ...]:
+    """As `SceneSnapshot` has them. Those that nodes, particles, vertices or faces instance are not looked for."""
+    scene = depsgraph.scene
     # whichever are in use: others than this one are switched off while it is evaluated
-    others = [layer for layer in scene.view_layers if layer != view_layer]
-    in_others = {item.session_uid for layer in others for item in layer.objects if not item.hide_render}
-    lights = (item for item in scene.objects if item.type == "LIGHT")
-    return any(item.animation_data is not None or item.session_uid in in_others for item in lights)
+    others = [layer for layer in scene.view_layers if layer != depsgraph.view_layer]
+    in_others = {item.session_uid for layer in others for item in layer.objects} - frozenset().union(*map(hidden_by_collections, others))
+    names: set[str] = set()
+    for item in scene.objects:
+        if item.type != "LIGHT" and item.instance_collection is None:
+            continue
+        may_show = item.animation_data is not None or (item.session_uid in in_others and not item.hide_render)
+        if item.type == "LIGHT":
+            names |= {item.name} if may_show else set()
+        elif item.instance_type == "COLLECTION":
+            lights = _lights_of(item.instance_collection)
+            names |= {instanced_name(light.name, item.name) for light in lights if may_show or light.animation_data is not None}
+    return tuple(sorted(names - {light.name for light in here}))
+
+
+def _lights_of(collection: bpy.types.Collection) -> list[bpy.types.Object]:
+    """Of what it instances, too."""
+    pending, lights = [collection], []
+    seen: set[int] = set()
+    while pending:
+        members = pending.pop().all_objects
+        lights += [member for member in members if member.type == "LIGHT"]
+        inner = [member.instance_collection for member in members if member.instance_collection is not None]
+        pending += [each for each in inner if each.session_uid not in seen]
+        seen.update(each.session_uid for each in inner)
+    return lights
 
 
 def _notes(depsgraph: bpy.types.Depsgraph, placed: PlacedInstances) -> list[str]:

@@ -270,4 +270,8 @@ def name_lights(rows: list[LightRow]) -> list[tuple[str, LightRow]]:
 
 
 def _plain_name(row: LightRow) -> str:
-    return row.object_name if row.instancer_name is None else f"{row.object_name} ({row.instancer_name})"
+    return row.object_name if row.instancer_name is None else instanced_name(row.object_name, row.instancer_name)
+
+
+def instanced_name(object_name: str, instancer_name: str) -> str:
+    return f"{object_name} ({instancer_name})"

@@ -83,7 +83,7 @@ class SceneWalk:
         if only_lights_of is not None:
             self.hidden_uids = only_lights_of
         else:
-            self.hidden_uids = _not_in_rendered_collections(depsgraph.view_layer) if self._is_viewport else frozenset()
+            self.hidden_uids = hidden_by_collections(depsgraph.view_layer) if self._is_viewport else frozenset()
         self._objects = ObjectTable(depsgraph.view_layer_eval, self.hidden_uids)
         self.surfaces = SurfaceRows(
             self._objects, readers.opacity, readers.surfaces if with_materials else None, is_viewport=self._is_viewport, cache=cache
@@ -159,7 +159,7 @@ def _hair(shown: bpy.types.Object, is_all: bool) -> list[LeftOut]:
     ]
 
 
-def _not_in_rendered_collections(view_layer: bpy.types.ViewLayer) -> frozenset[int]:
+def hidden_by_collections(view_layer: bpy.types.ViewLayer) -> frozenset[int]:
     """session_uid of the view layer's objects that are only in collections hidden from renders. (A render's depsgraph lacks them.)"""
     shown: set[int] = set()
     pending = [view_layer.layer_collection]
