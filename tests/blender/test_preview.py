@@ -5,13 +5,14 @@ import itertools
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from vir_addon.blender.extract import snapshot  # noqa: E402  (bpy decides whether this file runs)
+from vir_addon.blender.extract import scene_walk, snapshot  # noqa: E402  (bpy decides whether this file runs)
 from vir_addon.blender.extract.light_linking import SceneLinking  # noqa: E402
 from vir_addon.blender.extract.mesh_cache import MeshCache, changes_only_lights  # noqa: E402
 from vir_addon.blender.extract.viewport_view import viewport_view  # noqa: E402
@@ -242,13 +243,15 @@ def test_linking_is_read_in_slices_and_again_for_lights_alone(preview, device, m
         add(self, emitter)
 
     monkeypatch.setattr(SceneLinking, "add", counted)
+    # a slice takes as long again as finding its place did, which on a busy machine may be any number of items
+    monkeypatch.setattr(scene_walk, "time", SimpleNamespace(perf_counter=itertools.count().__next__))
     depsgraph = bpy.context.evaluated_depsgraph_get()
     most = 0
     while preview.must_read or preview.is_reading:
         asked_before = len(asked)
         preview.advance(depsgraph, SETTINGS, NO_TIME_S)
         most = max(most, len(asked) - asked_before)
-    assert len(asked) > 300 and most < 150
+    assert len(asked) > 300 and most == 64
     finish(preview)
     before = shown(preview)
     key.light_linking.blocker_collection = linked
