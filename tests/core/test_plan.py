@@ -235,6 +235,20 @@ def test_more_triangles_are_predicted_to_take_longer(method):
     assert predicted == sorted(predicted) and predicted[-1] > 1.1 * predicted[0]
 
 
+def below_a_lamp(thickness):
+    """A box of so many times its width and height as depth, whose upper side is near a lamp."""
+    scene = scene_with(point_light(eye=(0.0, 0.0, 2.2), radius_m=0.1))
+    scene.instances.world_from_object[1] = np.diag((2.0, 2.0 * thickness, 2.0, 1.0))
+    return scene
+
+
+def test_flattened_casters_are_as_large_as_they_are():
+    """Their determinant, the volume, vanishes and their surfaces do not: ivir was to take half a second for a lamp in such a box, and took
+    minutes."""
+    flat_ms, thick_ms = (planned(below_a_lamp(thickness), method=Method.IVIR).predicted_ms for thickness in (1e-7, 0.5))
+    assert flat_ms > 0.5 * thick_ms
+
+
 @pytest.mark.parametrize("hardware", Hardware)
 @pytest.mark.parametrize(("resolution_px", "chosen"), [(64, Method.IVIR), (256, Method.MICRO)])
 def test_points_are_for_triangles_far_smaller_than_texels(hardware, resolution_px, chosen):

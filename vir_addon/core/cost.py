@@ -303,12 +303,16 @@ def _estimate_casters(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds
     statistics = np.array([[area.mean(), perimeter.mean()] for area, perimeter in sizes]).reshape(-1, 2)[mesh]
     is_cut_out = np.array([mesh.opacity_map is not None for mesh in snapshot.meshes], bool)[mesh]
     all_counts = np.array([mesh.triangle_count for mesh in snapshot.meshes], np.int64)[mesh]
-    scale = np.cbrt(np.abs(np.linalg.det(matrix[:, :3, :3])))
+    # of lengths and areas in all directions, root mean squares: of a flattened object the volume, and with it the determinant, vanishes
+    axes = matrix[:, :3, :3]
+    scale = np.sqrt((axes**2).sum(axis=(1, 2)) / 3)
+    cofactors = np.stack([np.cross(axes[..., 1], axes[..., 2]), np.cross(axes[..., 2], axes[..., 0]), np.cross(axes[..., 0], axes[..., 1])])
+    area_scale = np.sqrt((cofactors**2).sum(axis=(0, 2)) / 3)
     distance = bounds.distances_m(casters, light.world_from_light[:3, 3])
     tangent = np.repeat([face.texel_tangent for face in faces], [len(face.caster_indices) for face in faces])
     texel = tangent if light.shape is LightShape.SUN else np.maximum(distance, LEAST_DISTANCE_SHARE * bounds.yardstick_m) * tangent
     facing = np.where([mesh.is_closed for mesh in snapshot.meshes], 0.5, 1.0)[mesh]
-    texel_area, texel_perimeter = statistics[:, 0] * (scale / texel) ** 2, statistics[:, 1] * scale / texel
+    texel_area, texel_perimeter = statistics[:, 0] * area_scale / texel**2, statistics[:, 1] * scale / texel
     small_share, small_area_share = _small_shares(sizes, mesh, SMALL_PERIMETER_TEXELS * texel / np.maximum(scale, 1e-30))
     return _CasterEstimates(
         mesh, all_counts * ~is_cut_out, facing, texel_area, texel_perimeter, small_share, small_area_share, all_counts * is_cut_out
