@@ -20,10 +20,11 @@ from tests.scenes import (
     snapshot,
     spot_light,
     sun_light,
+    with_opacity,
 )
 from vir_addon.core import mesh_topology
 from vir_addon.core.bounds import compute_bounds
-from vir_addon.core.enclosure import sealing_object
+from vir_addon.core.enclosure import camera_shells, sealing_object, shell_against
 from vir_addon.core.material import World
 from vir_addon.core.plan import plan
 from vir_addon.core.render import render
@@ -308,3 +309,64 @@ def test_an_orthographic_camera_is_outside_of_what_is_wholly_below_it():
     assert sealed_by([BOX], LIGHTS["ball"], above) == "around"
     within = dataclasses.replace(above, clip_start_m=19.5)
     assert sealed_by([BOX], LIGHTS["ball"], within) is None
+
+
+# around the camera
+
+ROOM = box("room", (0.0, 0.0, 1.5), (4.0, 3.0, 1.5))
+TABLE = box("table", (0.3, 0.5, 0.4), (0.6, 0.4, 0.4))
+INSIDE = perspective_camera((-3.5, -2.5, 1.6), (1.0, 1.0, 1.0), WIDTH, HEIGHT)
+OUTSIDE = {
+    "sun": sun_light(angle_rad=0.1),
+    "lamp": point_light(eye=(0.0, 0.0, 5.0), radius_m=0.3),
+    "rectangle": area_light(eye=(1.0, 0.5, 6.0), size_m=(1.0, 1.0)),
+    "spot": spot_light(eye=(0, -8, 5), target=(0, 0, 1)),
+}
+
+
+def shell_of(meshes, light, camera=INSIDE, **fields):
+    scene = snapshot(meshes, [light], camera, WIDTH, HEIGHT, **fields)
+    return shell_against(scene, light, camera_shells(scene, compute_bounds(scene)))
+
+
+@pytest.mark.parametrize("light", OUTSIDE)
+def test_a_room_around_the_camera_keeps_light_out(light):
+    assert shell_of([floor(20.0, -0.1), ROOM, TABLE], OUTSIDE[light]) == "room"
+
+
+@pytest.mark.parametrize(
+    ("meshes", "light", "camera", "fields"),
+    [
+        ([without_a_face(ROOM)], "sun", INSIDE, {}),
+        ([slit(ROOM)], "sun", INSIDE, {}),
+        ([ROOM, TABLE], "sun", perspective_camera((0.0, -8.0, 2.5), (0.0, 0.0, 0.5), WIDTH, HEIGHT), {}),
+        # a wall cuts the window where rays start
+        ([ROOM, TABLE], "sun", perspective_camera((-3.999, -2.5, 1.6), (-5.0, -2.5, 1.6), WIDTH, HEIGHT), {}),
+        ([ROOM, TABLE], "sun", INSIDE, {"casts_shadow": [False, True]}),
+        # the camera sees through it
+        ([ROOM, TABLE], "sun", INSIDE, {"visible_to_camera": [False, True]}),
+        ([with_opacity(ROOM, np.full((2, 2), 0.5), np.zeros((ROOM.vertex_count, 2))), TABLE], "sun", INSIDE, {}),
+    ],
+    ids=["open", "slit", "camera outside", "camera in a wall", "casts no shadow", "unseen", "cut out"],
+)
+def test_what_lets_light_in_or_shows_what_is_outside(meshes, light, camera, fields):
+    assert shell_of(meshes, OUTSIDE[light], camera, **fields) is None
+
+
+@pytest.mark.parametrize(
+    "eye", [(1.0, 1.0, 2.0), (1.0, 1.0, 3.2), (3.9, 1.0, 1.0)], ids=["inside", "through the ceiling", "through a wall"]
+)
+def test_lamps_that_are_in_the_room_or_reach_into_it(eye):
+    assert shell_of([ROOM, TABLE], point_light(eye=eye, radius_m=0.5)) is None
+
+
+@pytest.mark.parametrize("method", [Method.MVR, Method.MICRO, Method.IVIR])
+def test_no_sun_along_the_joints_of_a_closed_room(device, method):
+    """Of walls without thickness maps show light at their feet and at the ceiling."""
+    lights = [sun_light("Sun", eye=(3.0, -2.0, 9.0), angle_rad=0.01), point_light("Lamp", eye=(0.0, 0.0, 2.5), radius_m=0.1)]
+    scene = snapshot([floor(20.0, -0.1), ROOM, TABLE], lights, INSIDE, WIDTH, HEIGHT)
+    planned = plan(scene, Settings(method=method, view_count=16, map_resolution_px=256))
+    *_, progress = render(scene, planned, device)
+    assert not progress.passes["VIR Shadow Sun"].any()
+    assert progress.passes["VIR Shadow Lamp"].max() == 1.0
+    assert "'room' closes around the camera" in next(line.reason for line in planned.passes if line.light_name == "Sun")

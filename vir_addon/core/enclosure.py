@@ -1,6 +1,9 @@
-"""What closes around a light: then none of it reaches what is seen from outside, and no map has to find that out."""
+"""What closes around a light or the camera: then none of it reaches what is seen on the other side, and no map has to find that out."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,7 +11,7 @@ from .bounds import SceneBounds, stand_apart
 from .mesh_topology import is_closed
 from .passes.percentage_closer import light_radius_m
 from .reach import casts_for
-from .scene import Camera, Light, LightShape, SceneSnapshot
+from .scene import Camera, Light, LightShape, Mesh, SceneSnapshot
 from .views import light_axes
 
 NO_AREA = 1e-9
@@ -92,24 +95,100 @@ def _enters(snapshot: SceneSnapshot, instance: np.int64, box_from_world: np.ndar
 
 def _closes_around(snapshot: SceneSnapshot, instance: np.int64, light: Light) -> bool:
     """Whether a closed part of an instance's mesh is all around the light."""
+    reach_m = light_radius_m(light) * (1 + LIGHT_MARGIN)
+    around = _parts_around(snapshot, instance, light.world_from_light[:3, 3], reach_m)
+    return any(not _meet_light(corners_m, light) for _, corners_m in around)
+
+
+def _parts_around(snapshot: SceneSnapshot, instance: np.int64, centre_ws: np.ndarray, reach_m: float) -> Iterator[tuple[int, np.ndarray]]:
+    """Closed parts of an instance's mesh around a place, and of each the triangles that may come as near to it as `reach_m`, (n, 3, 3) from
+    there along the world's axes."""
     mesh = snapshot.meshes[snapshot.instances.mesh_index[instance]]
-    matrix = snapshot.instances.world_from_object[instance].astype(np.float64)
-    object_from_world = np.linalg.inv(matrix)
-    centre_os = object_from_world[:3, :3] @ light.world_from_light[:3, 3] + object_from_world[:3, 3]
-    crossings = []
+    crossings = _all_crossings(snapshot, instance, centre_ws)
+    if not all(len(crossed) for crossed, _ in crossings):
+        return  # a way out
+    windings = _windings(mesh, crossings)
+    for part in np.flatnonzero((windings[0] != 0) & (windings == windings[0]).all(axis=0)):
+        if is_closed(mesh.welded_triangles[mesh.part_of_triangle == part], mesh.vertex_count):
+            yield int(part), _near_of_part(snapshot, instance, int(part), centre_ws, reach_m)
+
+
+def _all_crossings(snapshot: SceneSnapshot, instance: np.int64, centre_ws: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """As of `_crossings`, along RAYS and their opposites, until one crosses nothing"""
+    mesh, centre_os = snapshot.meshes[snapshot.instances.mesh_index[instance]], _in_object(snapshot, instance, centre_ws)
+    crossings: list[tuple[np.ndarray, np.ndarray]] = []
     for ray in RAYS:
         crossings += _crossings(mesh.positions_os, mesh.triangles, centre_os, ray)
         if not all(len(crossed) for crossed, _ in crossings):
-            return False  # light gets away along it
-    triangles, part = mesh.welded_triangles, mesh.part_of_triangle
-    windings = np.array([np.bincount(part[crossed], signs, minlength=mesh.vertex_count) for crossed, signs in crossings])
-    reach_os = light_radius_m(light) * (1 + LIGHT_MARGIN) * np.linalg.norm(object_from_world[:3, :3], axis=1)
+            break
+    return crossings
+
+
+def _windings(mesh: Mesh, crossings: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """(rays, parts) how often each part of the mesh winds around where the rays start"""
+    part = mesh.part_of_triangle
+    return np.array([np.bincount(part[crossed], signs, minlength=mesh.vertex_count) for crossed, signs in crossings])
+
+
+def _in_object(snapshot: SceneSnapshot, instance: np.int64, place_ws: np.ndarray) -> np.ndarray:
+    object_from_world = np.linalg.inv(snapshot.instances.world_from_object[instance].astype(np.float64))
+    return object_from_world[:3, :3] @ place_ws + object_from_world[:3, 3]
+
+
+def _near_of_part(snapshot: SceneSnapshot, instance: np.int64, part: int, centre_ws: np.ndarray, reach_m: float) -> np.ndarray:
+    mesh = snapshot.meshes[snapshot.instances.mesh_index[instance]]
+    matrix = snapshot.instances.world_from_object[instance, :3, :3].astype(np.float64)
+    centre_os, reach_os = _in_object(snapshot, instance, centre_ws), reach_m * np.linalg.norm(np.linalg.inv(matrix), axis=1)
     near = _near(mesh.positions_os, mesh.triangles, centre_os, reach_os)
-    for around in np.flatnonzero((windings[0] != 0) & (windings == windings[0]).all(axis=0)):
-        corners_os = mesh.positions_os[mesh.triangles[near[part[near] == around]]] - centre_os
-        if is_closed(triangles[part == around], mesh.vertex_count) and not _meet_light(corners_os @ matrix[:3, :3].T, light):
-            return True
-    return False
+    return (mesh.positions_os[mesh.triangles[near[mesh.part_of_triangle[near] == part]]] - centre_os) @ matrix.T
+
+
+class CameraShell(NamedTuple):
+    """Something closed that all of what the camera sees is in, its own inner side included."""
+
+    instance: np.int64
+    part: int
+    """of its mesh, as of `Mesh.part_of_triangle`"""
+
+
+def camera_shells(snapshot: SceneSnapshot, bounds: SceneBounds) -> list[CameraShell]:
+    """What the camera sees, and cannot see through, all around where its rays start. 20 ms for a million triangles around it, and once
+    what `Mesh.part_of_triangle` takes."""
+    instances = snapshot.instances
+    places_ws = _places_of_eye(snapshot.camera)
+    centre_ws = (places_ws.min(axis=0) + places_ws.max(axis=0)) / 2
+    radius_m = float(np.linalg.norm(places_ws - centre_ws, axis=1).max())
+    low_ws, high_ws = bounds.extents_ws
+    is_around = ((low_ws < (centre_ws - radius_m)[:, None]) & (high_ws > (centre_ws + radius_m)[:, None])).all(axis=0)
+    candidates = np.flatnonzero(is_around & instances.visible_to_camera)
+    return [
+        CameraShell(index, part)
+        for index in candidates
+        if snapshot.meshes[instances.mesh_index[index]].opacity_map is None
+        for part, corners_m in _parts_around(snapshot, index, centre_ws, radius_m)
+        if (distances_to_origin(*np.moveaxis(corners_m, 1, 0)) > radius_m).all()
+    ]
+
+
+def shell_against(snapshot: SceneSnapshot, light: Light, shells: Sequence[CameraShell]) -> str | None:
+    """The name of one of the camera's shells that casts this light's shadow and has all of the light outside."""
+    if not light.casts_shadow:
+        return None
+    instances, casts = snapshot.instances, casts_for(snapshot, light)
+    found = next((shell.instance for shell in shells if casts[shell.instance] and _is_outside(snapshot, shell, light)), None)
+    return None if found is None else instances.object_names[instances.object_index[found]]
+
+
+def _is_outside(snapshot: SceneSnapshot, shell: CameraShell, light: Light) -> bool:
+    if light.shape is LightShape.SUN:
+        return True
+    centre_ws = light.world_from_light[:3, 3]
+    mesh = snapshot.meshes[snapshot.instances.mesh_index[shell.instance]]
+    crossings = _all_crossings(snapshot, shell.instance, centre_ws)
+    if _windings(mesh, crossings)[:, shell.part].any():
+        return False
+    near_m = _near_of_part(snapshot, shell.instance, shell.part, centre_ws, light_radius_m(light) * (1 + LIGHT_MARGIN))
+    return not _meet_light(near_m, light)
 
 
 def _crossings(positions: np.ndarray, triangles: np.ndarray, origin: np.ndarray, ray: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:

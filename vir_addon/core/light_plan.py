@@ -12,7 +12,7 @@ import numpy as np
 from . import cost
 from .batches import most_batch_views
 from .bounds import SceneBounds
-from .enclosure import sealing_object
+from .enclosure import CameraShell, sealing_object, shell_against
 from .errors import UsageError
 from .fit import fit_light
 from .passes.shadow_maps import BYTES_PER_TEXEL
@@ -99,7 +99,9 @@ class LightJob:
     casts: bool = True
     """False: lights what reflectors show, without shadows"""
     sealed_by: str | None = None
-    """the object that closes around the light"""
+    """the object that closes around the light, or keeps it out"""
+    is_sealed_out: bool = False
+    """it closes around the camera, and the light is outside"""
 
     @property
     def is_filtered(self) -> bool:
@@ -147,8 +149,14 @@ def _sample_count(light: Light, settings: Settings) -> int:
     return settings.view_count if light.own_view_count is None else light.own_view_count
 
 
-def if_sealed(snapshot: SceneSnapshot, job: LightJob, bounds: SceneBounds) -> LightJob:
-    return replace(job, sealed_by=sealing_object(snapshot, job.light, bounds)) if job.skipped is None else job
+def if_sealed(snapshot: SceneSnapshot, job: LightJob, bounds: SceneBounds, shells: Sequence[CameraShell]) -> LightJob:
+    """shells: of the camera"""
+    if job.skipped is not None:
+        return job
+    name = sealing_object(snapshot, job.light, bounds)
+    if name is not None:
+        return replace(job, sealed_by=name)
+    return replace(job, sealed_by=shell_against(snapshot, job.light, shells), is_sealed_out=True)
 
 
 def known_lines(
@@ -227,7 +235,8 @@ def _plan_light(
     look_ups_ms = cost.resolve_ms(snapshot, settings, max(sample_count, round_count), round_count)
     if job.sealed_by is not None:
         reason = (
-            f"{description}; no map needed: {job.sealed_by!r} closes around it and lets none of its light into the picture "
+            f"{description}; no map needed: {job.sealed_by!r} closes around {'the camera' if job.is_sealed_out else 'it'} and lets none of "
+            "its light into the picture "
             f"(switch off the shadow of {job.sealed_by!r} if it should)"
         )
         return replace(_without_maps(job, reason, look_ups_ms), is_sealed=True)

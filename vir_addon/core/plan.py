@@ -12,6 +12,7 @@ from ..device.interface import Device
 from . import cost
 from .batches import MAX_EYE_SAMPLES, eye_samples_of_batch, light_batch_count, most_eye_samples_for
 from .bounds import SceneBounds, compute_bounds
+from .enclosure import camera_shells
 from .errors import SceneError, UsageError
 from .frustum import instances_in_picture, visible_places
 from .light_plan import (
@@ -128,7 +129,8 @@ def plan(
         places_ws = visible_places(snapshot.camera, bounds.corners_ws[in_picture])
         jobs = [light_job(snapshot, light, names[light.name], settings, bounds, in_picture, places_ws) for light in lights]
         # as seen in the picture: what reflectors show may be within what the camera sees from outside
-        jobs = [if_sealed(snapshot, job, bounds) for job in jobs]
+        shells = camera_shells(snapshot, bounds) if any(job.skipped is None for job in jobs) else []
+        jobs = [if_sealed(snapshot, job, bounds, shells) for job in jobs]
     reflections: PlannedReflections | None = None
     reflected_jobs: list[LightJob] = []
     if Effect.REFLECTION in settings.effects:
