@@ -5,6 +5,7 @@ from __future__ import annotations
 import _thread
 import dataclasses
 import re
+import signal
 import sys
 import threading
 import time
@@ -453,6 +454,15 @@ def test_blenders_module_is_refused_before_5_2_also_in_a_window(monkeypatch):
         device_opening.open_device("gpu")
 
 
+@pytest.fixture
+def hears_ctrl_c():
+    """What a script starts in the background ignores Ctrl-C."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("hears_ctrl_c")
 def test_a_wait_hears_ctrl_c_that_reached_another_thread(device_called):
     device = device_called("moderngl")
     asking = threading.Timer(0.1, _thread.interrupt_main)
