@@ -11,7 +11,7 @@ from .bounds import SceneBounds, stand_apart
 from .mesh_topology import is_closed
 from .passes.percentage_closer import light_radius_m
 from .reach import casts_for
-from .scene import Camera, Light, LightShape, Mesh, SceneSnapshot
+from .scene import Camera, Instances, Light, LightShape, Mesh, SceneSnapshot
 from .views import light_axes
 
 NO_AREA = 1e-9
@@ -42,7 +42,7 @@ def sealing_object(snapshot: SceneSnapshot, light: Light, bounds: SceneBounds) -
     has_eye_outside = stand_apart(snapshot, bounds, _places_of_eye(snapshot.camera), candidates)
     candidates = candidates[has_eye_outside | ~is_seen]
     found = next((index for index in candidates if _seals(snapshot, index, light, bounds)), None)
-    return None if found is None else instances.object_names[instances.object_index[found]]
+    return _object_name(instances, found)
 
 
 def _places_of_eye(camera: Camera) -> np.ndarray:
@@ -176,7 +176,11 @@ def shell_against(snapshot: SceneSnapshot, light: Light, shells: Sequence[Camera
         return None
     instances, casts = snapshot.instances, casts_for(snapshot, light)
     found = next((shell.instance for shell in shells if casts[shell.instance] and _is_outside(snapshot, shell, light)), None)
-    return None if found is None else instances.object_names[instances.object_index[found]]
+    return _object_name(instances, found)
+
+
+def _object_name(instances: Instances, index: np.int64 | None) -> str | None:
+    return None if index is None else instances.object_names[instances.object_index[index]]
 
 
 def _is_outside(snapshot: SceneSnapshot, shell: CameraShell, light: Light) -> bool:

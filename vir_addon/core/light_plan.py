@@ -156,7 +156,8 @@ def if_sealed(snapshot: SceneSnapshot, job: LightJob, bounds: SceneBounds, shell
     name = sealing_object(snapshot, job.light, bounds)
     if name is not None:
         return replace(job, sealed_by=name)
-    return replace(job, sealed_by=shell_against(snapshot, job.light, shells), is_sealed_out=True)
+    name = shell_against(snapshot, job.light, shells)
+    return job if name is None else replace(job, sealed_by=name, is_sealed_out=True)
 
 
 def known_lines(
@@ -234,9 +235,9 @@ def _plan_light(
     sample_count = taps if job.is_filtered else job.view_count
     look_ups_ms = cost.resolve_ms(snapshot, settings, max(sample_count, round_count), round_count)
     if job.sealed_by is not None:
+        around = "the camera" if job.is_sealed_out else "it"
         reason = (
-            f"{description}; no map needed: {job.sealed_by!r} closes around {'the camera' if job.is_sealed_out else 'it'} and lets none of "
-            "its light into the picture "
+            f"{description}; no map needed: {job.sealed_by!r} closes around {around} and lets none of its light into the picture "
             f"(switch off the shadow of {job.sealed_by!r} if it should)"
         )
         return replace(_without_maps(job, reason, look_ups_ms), is_sealed=True)
