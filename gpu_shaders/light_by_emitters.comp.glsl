@@ -49,7 +49,7 @@ void main() {
         return;
     }
     Found found = found_around(pixel, sending, direction, false);
-    if (found.how == REFLECTED_SURFACE && found.meeting.along < REACHED_SHARE * distance_m) {
+    if (is_met_exactly(found.how) && found.meeting.along < REACHED_SHARE * distance_m) {
         return;
     }
     // what the map leaves out no ray meets by chance

@@ -11,6 +11,7 @@ const vec2 NOWHERE = vec2(FAR_ALONG, -FAR_ALONG);
 const float STEP_PAST = 1.0e-3;       // of the way through a cell, to be in the next one
 const float ROUNDING = 1.0e-6;        // of the distance to the map's centre
 const float OWN_SHARE = 10.0;         // of what is rounding to other surfaces, in maps of what the ray begins in
+const float SAME_PLACE_SHARE = 1.0e-4;  // of how far along a ray it is: two maps may show one surface
 const float INSIDE_TOLERANCE = 1.0e-4;  // of barycentric weights: neighbours leave nothing between them
 
 struct Meeting {
@@ -57,6 +58,11 @@ bool is_just_behind(ReflectionMap map, vec3 place_ws, vec4 texel, float reach_m)
 
 bool is_empty(vec4 texel) {
     return texel.z < 0.0;
+}
+
+// Whether a ray met what a map shows at that very place: perhaps not the first thing on its way.
+bool is_met_exactly(int how) {
+    return how == REFLECTED_SURFACE || how == REFLECTED_BEHIND;
 }
 
 vec4 map_texel(ReflectionMap map, int level, int face, ivec2 cell) {
@@ -111,6 +117,7 @@ Found march(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m,
     float along = max(within.x, 0.0);
     int level = MAP_LEVELS - 1;
     int step_count = 0;
+    bool was_behind = false;
     do {
         step_count++;
         vec3 p = start + along * direction;
@@ -168,9 +175,11 @@ Found march(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m,
             Found nearby = meet_neighbours(map, face, cell, place_there, origin_ws, direction_ws, vec2(between.x, before));
             if (nearby.how == REFLECTED_SURFACE || is_between) {
                 found = nearby.how == REFLECTED_SURFACE ? nearby : Found(meeting, texel, REFLECTED_SURFACE);
+                found.how = was_behind ? REFLECTED_BEHIND : REFLECTED_SURFACE;
                 break;
             }
         }
+        was_behind = was_behind || (texel.y > 0.0 && min(depth_in, depth_out) > texel.y);
         along += crossing + max(STEP_PAST * min(crossing, texel_crossing), ROUNDING * max(f.z, length(f)));
         level = min(level + 1, MAP_LEVELS - 1);
     } while (along < end && step_count < MAX_STEPS);
@@ -226,7 +235,7 @@ Found follow(ReflectionMap map, vec3 origin_ws, vec3 direction_ws, float first_m
         if (behind.how != REFLECTED_NOTHING) {
             Meeting exact = meet(origin_ws, direction_ws, behind.texel);
             bool is_met = exact.inside && exact.along >= first_m;
-            found = is_met ? Found(exact, behind.texel, REFLECTED_SURFACE) : behind;
+            found = is_met ? Found(exact, behind.texel, REFLECTED_BEHIND) : behind;
         }
     }
     return found;
@@ -264,7 +273,8 @@ Found follow_through(ivec3 numbers, vec3 origin_ws, vec3 direction_ws, float fir
     while (next < turn_count) {
         bool has_left = found.how == REFLECTED_OUT_OF_VIEW;
         bool is_hidden = found.how == REFLECTED_BY_DIRECTION;
-        float found_m = found.how == REFLECTED_SURFACE ? found.meeting.along : FAR_ALONG;
+        bool is_unsure = is_hidden || found.how == REFLECTED_BEHIND;
+        float found_m = is_met_exactly(found.how) ? found.meeting.along : FAR_ALONG;
         // on to the next map that this ray asks: neighbours follow theirs together, whichever turns these are
         int turn;
         int number = -1;
@@ -274,7 +284,7 @@ Found follow_through(ivec3 numbers, vec3 origin_ws, vec3 direction_ws, float fir
             if (turn < 3) {
                 number = turn != 1 || has_left || is_hidden ? numbers[turn] : -1;
             } else if (turn >= FIRST_FURTHER) {
-                number = is_hidden || numbers.z >= 0 ? further[turn - FIRST_FURTHER] : -1;
+                number = is_unsure || numbers.z >= 0 ? further[turn - FIRST_FURTHER] : -1;
             } else {
                 int whose = (turn - 3) / OWN_CUBES;
                 int which = (turn - 3) % OWN_CUBES;
@@ -292,12 +302,18 @@ Found follow_through(ivec3 numbers, vec3 origin_ws, vec3 direction_ws, float fir
         bool is_first = turn < 2;  // of the reflector, and without it
         // other maps tell what is there, and whether nothing is
         bool may_guess = is_first || (is_further && is_hidden);
-        float last_m = is_further && !is_hidden ? min(found_m, own_end_m) : found_m;
+        float last_m = is_further && !is_unsure ? min(found_m, own_end_m) : found_m;
         Found one = follow(load_map(number), origin_ws, direction_ws, (is_first ? 1.0 : OWN_SHARE) * first_m, last_m, may_guess);
         seen_past += int(is_further && is_hidden && one.how == REFLECTED_NOTHING);
-        bool is_before = found.how != REFLECTED_SURFACE || one.meeting.along < found.meeting.along;
-        bool is_sure = one.how == REFLECTED_SURFACE && (is_first || one.meeting.inside);
-        if (turn == 0 || (turn == 1 && has_left) || (is_sure && is_before) || (is_hidden && seen_past > 1)) {
+        bool is_sure = is_met_exactly(one.how) && (is_first || one.meeting.inside);
+        if (turn >= 3 && !is_further) {
+            // of what else may be in the way these know nothing
+            one.how = found.how == REFLECTED_BEHIND ? REFLECTED_BEHIND : REFLECTED_SURFACE;
+        }
+        bool is_before = one.meeting.along < found_m;
+        // seen all along the way from elsewhere
+        bool confirms = one.how == REFLECTED_SURFACE && one.meeting.along < (1.0 + SAME_PLACE_SHARE) * found_m;
+        if (turn == 0 || (turn == 1 && has_left) || (is_sure && (is_before || confirms)) || (is_hidden && seen_past > 1)) {
             found = one;
         }
     }

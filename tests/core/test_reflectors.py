@@ -152,7 +152,7 @@ def test_only_what_is_all_around_the_eye_has_its_cube_around_the_eye(monkeypatch
         (found,) = reflectors_of(scene).reflectors
         assert found.runs
         assert ("the eye is inside" in found.reason) == is_room
-        assert (np.abs(found.seen.center_ws - (0, 0, 1)).max() < 1e-6 and found.itself is None) == is_room
+        assert (np.abs(found.seen.center_ws - (0, 0, 1)).max() < 1e-6 and len(found.elsewhere) == 2) == is_room
     monkeypatch.setattr(reflector_views, "MAX_INSCRIBED_TRIANGLES", 23)
     (found,) = reflectors_of(scene).reflectors
     assert found.runs and "its cube is around a place on it" in found.reason
@@ -412,8 +412,8 @@ def test_cubes_of_reflectors_alone_take_no_memory_that_others_need():
     assert own_px > MAP_SIZE_STEP_PX
     least_own_mib = 64 * OWN_CUBES * 6 * MAP_SIZE_STEP_PX**2 * 4 / 3 * BYTES_PER_TEXEL / (1 << 20)
     for spare_mib, own_cubes, told in (
-        (1.3 * least_own_mib, OWN_CUBES, "cubes of itself smaller"),
-        (1.0, 0, "no memory is left for cubes of"),
+        (1.3 * least_own_mib, OWN_CUBES, "cubes besides smaller"),
+        (1.0, 0, "no memory is left for cubes besides"),
     ):
         found = planned_with(int(np.ceil(others_mib + spare_mib)))
         for each, before in zip(found, plenty, strict=True):

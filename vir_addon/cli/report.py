@@ -114,8 +114,9 @@ def _found(found: ReflectionStatistics) -> str:
     if found.look_up == ReflectionLookUp.DIRECTION.value:
         shares = f"{found.by_direction_share:.1%} see a surface, {found.left_share:.1%} none"
         return f"of {found.ray_count:,} rays, all looked up by direction, {shares}"
-    shares = f"{found.found_share:.1%} met a surface, {found.by_direction_share:.1%} one hidden from their map, {found.left_share:.1%} none"
-    return f"of {found.ray_count:,} rays {shares}"
+    behind = f"{found.behind_share:.1%} one behind others, where something may be nearer, " if found.behind_share else ""
+    hidden = f"{found.by_direction_share:.1%} one hidden from their map"
+    return f"of {found.ray_count:,} rays {found.found_share:.1%} met a surface, {behind}{hidden}, {found.left_share:.1%} none"
 
 
 def _splatted(found: ReflectionStatistics) -> str:

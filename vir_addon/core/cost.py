@@ -34,8 +34,8 @@ SHADING_NS_PER_TEXEL = 850.0
 """of a round, of maps that are shaded whole, coarser levels and a lamp's light included: 2.2 s for 2.6 million"""
 NEEDED_PLACE_NS = 1600.0
 """of a texel that samples need: .5 s for 325,000"""
-LOOK_UPS_PER_RAY = 900.0
-"""A reflected ray, and the one that the world lights its hit along, took about ten microseconds on a software rasterizer."""
+LOOK_UPS_PER_RAY = 450.0
+"""A reflected ray took about five microseconds on a software rasterizer, and as long the one that the world lights its hit along."""
 LOOK_UPS_PER_SHADED_RAY, LOOK_UPS_PER_SAMPLE = 70.0, 20.0
 """of cubes whose texels are shaded, which no ray is followed through: reflecting it took .7 microseconds, and each of 25 samples
 that are marked and filtered .2"""
@@ -172,7 +172,9 @@ def eye_ms(snapshot: SceneSnapshot, settings: Settings, eye_sample_count: int) -
     return (triangles * rates.raster_triangle + eye_sample_count * pixels * rates.eye_pixel) * 1e-6
 
 
-def reflections_ms(snapshot: SceneSnapshot, settings: Settings, planned: PlannedReflections, round_count: int) -> float:
+def reflections_ms(
+    snapshot: SceneSnapshot, settings: Settings, planned: PlannedReflections, round_count: int, has_surroundings: bool
+) -> float:
     """Maps of all reflectors, rays of all rounds as if all were followed, and texels that are shaded; not the light on what rays
     meet, which is the lights'."""
     texels = sum(each.texel_count for each in planned.maps)
@@ -183,7 +185,7 @@ def reflections_ms(snapshot: SceneSnapshot, settings: Settings, planned: Planned
         for method in ReflectionMethod
         if method is not ReflectionMethod.AUTO
     )
-    look_ups, texels_ns = LOOK_UPS_PER_RAY, texels * MAP_NS_PER_TEXEL
+    look_ups, texels_ns = LOOK_UPS_PER_RAY * (1 + has_surroundings), texels * MAP_NS_PER_TEXEL
     if settings.reflection_look_up is ReflectionLookUp.SHADED:
         look_ups = LOOK_UPS_PER_SHADED_RAY
         texels_ns += round_count * texels * SHADING_NS_PER_TEXEL

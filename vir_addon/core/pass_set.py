@@ -160,6 +160,8 @@ class ReflectionStatistics:
     """of these, those that met a surface of the map"""
     by_direction_share: float = 0.0
     """those that show what lies in their direction: their surface was hidden from the map's centre, or none are followed at all"""
+    behind_share: float = 0.0
+    """those that met a surface, but passed behind others: something that maps do not show may be nearer"""
     left_share: float = 0.0
     """those that left the scene and show the world"""
     shaded_count: int = 0

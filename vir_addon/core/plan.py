@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from ..device.interface import Device
 from . import cost
 from .batches import MAX_EYE_SAMPLES, eye_samples_of_batch, light_batch_count, most_eye_samples_for
 from .bounds import SceneBounds, compute_bounds
-from .enclosure import camera_shells
+from .enclosure import CameraShell, camera_shells
 from .errors import SceneError, UsageError
 from .frustum import instances_in_picture, visible_places
 from .light_plan import (
@@ -27,6 +28,7 @@ from .light_plan import (
     plan_lights,
     reflected_light_job,
 )
+from .material import BLACK
 from .pass_set import unique_pass_names
 from .passes.eye import least_visibility_size
 from .reflections.reflectors import PlannedReflections, choose_reflectors
@@ -69,6 +71,8 @@ class RenderPlan:
     """None: not asked for"""
     reflected_lights: tuple[PlannedPass, ...] = ()
     """what lights surfaces that are seen in reflectors, shadows of all of the scene included; none where nothing reflects"""
+    has_surroundings: bool = True
+    """Something but lights lights what reflectors show: surfaces that shine, or the world, unless something closes around the camera."""
 
     @property
     def needs_eye(self) -> bool:
@@ -124,18 +128,19 @@ def plan(
         before = None
     bounds = compute_bounds(snapshot) if before is None else before[1].bounds
     in_picture = instances_in_picture(snapshot, bounds)
+    shells = camera_shells(snapshot, bounds)
+    has_surroundings = _has_surroundings(snapshot, shells)
     jobs: list[LightJob] = []
     if Effect.SHADOW in settings.effects:
         places_ws = visible_places(snapshot.camera, bounds.corners_ws[in_picture])
         jobs = [light_job(snapshot, light, names[light.name], settings, bounds, in_picture, places_ws) for light in lights]
         # as seen in the picture: what reflectors show may be within what the camera sees from outside
-        shells = camera_shells(snapshot, bounds) if any(job.skipped is None for job in jobs) else []
         jobs = [if_sealed(snapshot, job, bounds, shells) for job in jobs]
     reflections: PlannedReflections | None = None
     reflected_jobs: list[LightJob] = []
     if Effect.REFLECTION in settings.effects:
         if once.reflections is None:
-            once.reflections = _plan_reflections(snapshot, settings, bounds, in_picture)
+            once.reflections = _plan_reflections(snapshot, settings, bounds, in_picture, has_surroundings)
         reflections = once.reflections
         if reflections.runs:
             wanted = (reflected_light_job(snapshot, light, names[light.name], settings, bounds) for light in snapshot.lights)
@@ -172,6 +177,7 @@ def plan(
         predicted_ms=predicted_ms,
         reflections=reflections,
         reflected_lights=reflected_lights,
+        has_surroundings=has_surroundings,
     )
 
 
@@ -227,10 +233,23 @@ def _plan_steps(
     return _FrameSteps(batch_count, eye_samples_per_batch, eye_sample_count, most_edge_samples, bounces, notes)
 
 
-def _plan_reflections(snapshot: SceneSnapshot, settings: Settings, bounds: SceneBounds, in_picture: np.ndarray) -> PlannedReflections:
+def _plan_reflections(
+    snapshot: SceneSnapshot, settings: Settings, bounds: SceneBounds, in_picture: np.ndarray, has_surroundings: bool
+) -> PlannedReflections:
     planned = choose_reflectors(snapshot, bounds, settings, in_picture)
-    predicted_ms = cost.reflections_ms(snapshot, settings, planned, settings.reflection_sample_count) if planned.runs else 0.0
+    predicted_ms = 0.0
+    if planned.runs:
+        predicted_ms = cost.reflections_ms(snapshot, settings, planned, settings.reflection_sample_count, has_surroundings)
     return replace(planned, predicted_ms=predicted_ms)
+
+
+def _has_surroundings(snapshot: SceneSnapshot, shells: Sequence[CameraShell]) -> bool:
+    """shells: of the camera, beyond which no ray looks"""
+    if any(material.emission != BLACK for material in snapshot.materials):
+        return True
+    visible = snapshot.instances.visible_in_reflections
+    is_closed = any(visible is None or visible[shell.instance] for shell in shells)
+    return snapshot.world is not None and max(snapshot.world.radiance) > 0 and not is_closed
 
 
 def settings_for(device: Device, settings: Settings) -> Settings:

@@ -17,9 +17,10 @@ from .tiles import SIZE_CONSTANTS, TILE_DEFINES, TILE_PX, TILE_TEXTURES, WALK_CO
 
 MAX_STEPS = 1024
 """Cells that a ray may cross: several times what any needs in a map of 1024 texels; a GPU must not hang."""
-NO_RAY, REFLECTED_NOTHING, REFLECTED_SURFACE, REFLECTED_BY_DIRECTION, REFLECTED_OUT_OF_VIEW = range(5)
+NO_RAY, REFLECTED_NOTHING, REFLECTED_SURFACE, REFLECTED_BY_DIRECTION, REFLECTED_OUT_OF_VIEW, REFLECTED_BEHIND = range(6)
 """What became of a pixel's ray: there is none, it left the scene, it met a surface, it did behind something that hid it from the map's
-centre, and this is what the map shows in its direction, or it left what the maps show"""
+centre, and this is what the map shows in its direction, it left what the maps show, or it met a surface after it had passed behind
+something, where what the map does not show may be nearer"""
 MAP_NUMBERS_DEFINE = {"MAP_NUMBERS": 4096}
 """more than there are maps"""
 MARCH_DEFINES = {
@@ -27,6 +28,7 @@ MARCH_DEFINES = {
     "REFLECTED_SURFACE": REFLECTED_SURFACE,
     "REFLECTED_BY_DIRECTION": REFLECTED_BY_DIRECTION,
     "REFLECTED_OUT_OF_VIEW": REFLECTED_OUT_OF_VIEW,
+    "REFLECTED_BEHIND": REFLECTED_BEHIND,
     "MAP_LEVELS": MAP_LEVELS,
     "MAX_STEPS": MAX_STEPS,
     **HEADER_DEFINE,

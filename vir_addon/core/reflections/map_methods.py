@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 
 def with_methods(reflectors: list[Reflector], snapshot: SceneSnapshot, settings: Settings) -> list[Reflector]:
-    """The same with what makes their cubes. Single views and cubes of reflectors alone stay the rasterizer's."""
+    """The same with what makes their cubes. Single views, cubes of reflectors alone and a room's from elsewhere stay the
+    rasterizer's."""
     cubes = list({id(each): each for reflector in reflectors for each in _around(reflector)}.values())
     choices = dict(zip(map(id, cubes), _choices(cubes, snapshot, settings), strict=True))
     made = {id(each): replace(each, method=choices[id(each)][0]) for each in cubes}

@@ -25,6 +25,7 @@ from .views import (
     cube_around,
     cube_around_eye,
     cube_size_px,
+    cubes_elsewhere,
     cubes_of_itself,
     eye_is_inside,
     eye_view,
@@ -47,9 +48,9 @@ TOO_SMALL = "all such together show in next to no pixels"
 WAITING = ": a map if enough of it shows within other reflectors"
 """what ends the reasons of those that it is not decided for yet"""
 SMALLER = "; smaller for all maps to fit into memory"
-SMALLER_OWN_CUBES = "; cubes of itself smaller for all maps to fit into memory"
-WITHOUT_OWN_CUBES = "; no memory is left for cubes of itself"
-FOR_MEMORY = SMALLER, SMALLER_OWN_CUBES, WITHOUT_OWN_CUBES
+SMALLER_BESIDES = "; cubes besides smaller for all maps to fit into memory"
+WITHOUT_BESIDES = "; no memory is left for cubes besides"
+FOR_MEMORY = SMALLER, SMALLER_BESIDES, WITHOUT_BESIDES
 MET_SHARE = 0.25
 """of maps' memory, kept for reflectors that only others show"""
 MAX_LINES_ALIKE = 3
@@ -90,6 +91,8 @@ class Reflector:
     """the reflector alone, for what it and others show of it that neither the eye nor others' cubes see; none or OWN_CUBES"""
     covered_px: tuple[int, int] = (0, 0)
     """of its bounds in the picture"""
+    elsewhere: tuple[ReflectionMap, ...] = ()
+    """from other places than the eye in a room around it, for what things in the room hide"""
 
     @property
     def cube(self) -> ReflectionMap | None:
@@ -99,7 +102,7 @@ class Reflector:
     @property
     def maps(self) -> list[ReflectionMap]:
         """each once"""
-        found = (self.seen, self.met, self.aside, self.itself, *self.own_cubes)
+        found = (self.seen, self.met, self.aside, self.itself, *self.own_cubes, *self.elsewhere)
         return list({id(each): each for each in found if each is not None}.values())
 
 
@@ -287,7 +290,11 @@ def _plan_reflector(
     if eye_is_inside(snapshot, own, corners):
         cube = cube_around_eye(snapshot, bounds, own, side_px)
         reason += "; the eye is inside, so its cube is around the eye"
-        return Reflector(name, own, True, reason, "mvr", cube, cube, cube, covered_px=covered_px)
+        elsewhere: tuple[ReflectionMap, ...] = ()
+        if not settings.reflection_look_up.shades_texels:
+            elsewhere = cubes_elsewhere(snapshot, bounds, own, min(side_px, ASIDE_MAP_PX))
+            reason += f", {len(elsewhere)} more elsewhere in it" if elsewhere else ""
+        return Reflector(name, own, True, reason, "mvr", cube, cube, elsewhere=elsewhere, covered_px=covered_px)
     seen = cube_around(snapshot, bounds, own, side_px, nearer_to_eye=True, find_place=candidate.center_ws)
     if is_too_fine(snapshot, own):
         reason += f"; more than {MAX_INSCRIBED_TRIANGLES} triangles: its cube is around a place on it"
@@ -316,15 +323,15 @@ def bytes_per_texel(settings: Settings) -> int:
 
 
 def _within_memory(reflectors: list[Reflector], memory_mib: float, settings: Settings) -> list[Reflector]:
-    """Smaller maps where all together would take more than the settings allow: cubes of reflectors alone first, then without these the
-    others, and none of the last reflectors where that is not enough."""
+    """Smaller maps where all together would take more than the settings allow: cubes of reflectors alone and a room's from elsewhere
+    first, then without these the others, and none of the last reflectors where that is not enough."""
     budget = memory_mib * (1 << 20) // bytes_per_texel(settings)
     fitting, share = reflectors, 1.0
     while _texel_count(fitting) > budget and share > 1 / ASIDE_MAP_PX:
         share *= SHRINKING
         fitting = [_smaller(reflector, 1.0, share) for reflector in reflectors]
     if _texel_count(fitting) > budget:
-        fitting = reflectors = [_without_own_cubes(reflector) for reflector in reflectors]
+        fitting = reflectors = [_without_besides(reflector) for reflector in reflectors]
         share = 1.0
     while _texel_count(fitting) > budget and share > 1 / MAX_VIEW_PX:
         share *= SHRINKING
@@ -337,8 +344,9 @@ def _within_memory(reflectors: list[Reflector], memory_mib: float, settings: Set
     ]
 
 
-def _without_own_cubes(reflector: Reflector) -> Reflector:
-    return replace(reflector, own_cubes=(), reason=reflector.reason + WITHOUT_OWN_CUBES) if reflector.own_cubes else reflector
+def _without_besides(reflector: Reflector) -> Reflector:
+    has_any = reflector.own_cubes or reflector.elsewhere
+    return replace(reflector, own_cubes=(), elsewhere=(), reason=reflector.reason + WITHOUT_BESIDES) if has_any else reflector
 
 
 def _texel_count(reflectors: list[Reflector]) -> int:
@@ -351,8 +359,8 @@ def memory_for_maps(device: Device, settings: Settings) -> Settings:
     return replace(settings, reflection_map_mib=min(settings.reflection_map_mib, largest_mib))
 
 
-def _smaller(reflector: Reflector, share: float, own_share: float = 1.0) -> Reflector:
-    """own_share: of the sides of cubes of it alone"""
+def _smaller(reflector: Reflector, share: float, share_besides: float = 1.0) -> Reflector:
+    """share_besides: of the sides of cubes of it alone, and of a room's from elsewhere"""
 
     def shrunk(drawn: ReflectionMap, by: float) -> ReflectionMap:
         width, height = (
@@ -360,15 +368,18 @@ def _smaller(reflector: Reflector, share: float, own_share: float = 1.0) -> Refl
         )
         return drawn if (width, height) == (drawn.width_px, drawn.height_px) else replace(drawn, width_px=width, height_px=height)
 
-    own_cubes = tuple(shrunk(drawn, own_share) for drawn in reflector.own_cubes)
+    own_cubes, elsewhere = (
+        tuple(shrunk(drawn, share_besides) for drawn in besides) for besides in (reflector.own_cubes, reflector.elsewhere)
+    )
     smaller = {id(drawn): shrunk(drawn, share) for drawn in reflector.maps}
     seen, met, aside, itself = (smaller.get(id(drawn)) for drawn in (reflector.seen, reflector.met, reflector.aside, reflector.itself))
     reason = reflector.reason
     if any(smaller[id(drawn)] is not drawn for drawn in (reflector.seen, reflector.met, reflector.aside, reflector.itself) if drawn):
         reason += SMALLER
-    if any(each is not drawn for each, drawn in zip(own_cubes, reflector.own_cubes, strict=True)):
-        reason += SMALLER_OWN_CUBES
-    return replace(reflector, seen=seen, met=met, aside=aside, itself=itself, own_cubes=own_cubes, reason=reason)
+    besides_before = (*reflector.own_cubes, *reflector.elsewhere)
+    if any(each is not drawn for each, drawn in zip((*own_cubes, *elsewhere), besides_before, strict=True)):
+        reason += SMALLER_BESIDES
+    return replace(reflector, seen=seen, met=met, aside=aside, itself=itself, own_cubes=own_cubes, elsewhere=elsewhere, reason=reason)
 
 
 @dataclass(frozen=True, eq=False)
@@ -435,9 +446,9 @@ class PlannedReflections:
         centers_ws = np.array([cube.center_ws for _, cube in own])
         for k, (reflector, cube) in enumerate(own):
             nearest = np.argsort(((centers_ws - cube.center_ws) ** 2).sum(axis=1), kind="stable")
-            others = [numbers[id(own[other][1])] for other in nearest if other != k][:FURTHER_MAPS]
+            others = [*reflector.elsewhere, *(own[other][1] for other in nearest if other != k)][:FURTHER_MAPS]
             for each in reflector.maps:
-                further[numbers[id(each)], : len(others)] = others
+                further[numbers[id(each)], : len(others)] = [numbers[id(other)] for other in others]
                 if reflector.own_cubes:
                     first_own[numbers[id(each)]] = numbers[id(reflector.own_cubes[0])]
         return further, first_own

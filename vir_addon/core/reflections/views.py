@@ -34,6 +34,9 @@ ROOM_SHARE = 0.75
 """of all directions, in which a reflector around the eye is seen: five walls of a room are more"""
 DIRECTION_CELLS, LARGE_AT_ONCE = 16, 1 << 10
 """a side of each face of a cube, whose centres are the directions; and triangles that are compared with all of these at once"""
+ELSEWHERE_COUNT, ELSEWHERE_SHARE = 2, 0.8
+"""cubes of a room besides that around the eye, and where they may be: at the corners and in the middles of a box as large a share of the
+room's"""
 MAX_INSCRIBED_TRIANGLES, TRIANGLES_AT_ONCE = 1 << 22, 1 << 18
 """by which it is found out how solid a reflector is: a second for every million"""
 CONVEXITY_TRIANGLES, CONVEXITY_CORNERS = 512, 4096
@@ -99,6 +102,38 @@ def cube_around_eye(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarra
     """Of a room of mirrors, which it sees as well. own: (n,) int64 its instances"""
     eye_ws = snapshot.camera.world_from_view[:3, 3]
     return _cube(bounds, eye_ws, _near(snapshot, bounds.corners_ws[own].reshape(-1, 3), eye_ws), side_px, _shown(snapshot))
+
+
+def cubes_elsewhere(snapshot: SceneSnapshot, bounds: SceneBounds, own: np.ndarray, side_px: int) -> tuple[ReflectionMap, ...]:
+    """Of a room of mirrors, for what things in it hide from the eye: from up to ELSEWHERE_COUNT places far from the eye and each other,
+    which lie in none of these things' boxes, and from which no wall stands before the eye. own: (n,) int64 its instances"""
+    eye_ws = snapshot.camera.world_from_view[:3, 3]
+    corners = bounds.corners_ws[own].reshape(-1, 3)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    steps = np.stack(np.meshgrid(*3 * [(-1.0, 0.0, 1.0)], indexing="ij"), axis=-1).reshape(-1, 3)
+    places = (low + high) / 2 + ELSEWHERE_SHARE * steps * (high - low) / 2
+    shown = _shown(snapshot)
+    low_ws, high_ws = (each[:, np.setdiff1d(shown, own)].T for each in bounds.extents_ws)
+    places = places[~((places[:, None] > low_ws) & (places[:, None] < high_ws)).all(axis=2).any(axis=1)]
+    near_m = _near(snapshot, corners, eye_ws)
+    taken = [eye_ws]
+    while len(places) and len(taken) <= ELSEWHERE_COUNT:
+        farthest = np.min([((places - each) ** 2).sum(axis=1) for each in taken], axis=0).argmax()
+        place_ws, places = places[farthest], np.delete(places, farthest, axis=0)
+        if not _stands_between(snapshot, own, eye_ws, place_ws):
+            taken.append(place_ws)
+    return tuple(_cube(bounds, place_ws, near_m, side_px, shown) for place_ws in taken[1:])
+
+
+def _stands_between(snapshot: SceneSnapshot, own: np.ndarray, start_ws: np.ndarray, end_ws: np.ndarray) -> bool:
+    """Whether any of the instances' triangles meets the straight line from one place to another."""
+    along = end_ws - start_ws
+    for triangles in placed_triangles(snapshot, own, start_ws):
+        a, b, c = np.moveaxis(triangles[_within(along[None, None], _sides(triangles))[:, 0]], 1, 0)
+        normals = np.cross(b - a, c - a)
+        if (np.abs((normals * a).sum(axis=1)) <= np.abs(normals @ along)).any():
+            return True
+    return False
 
 
 def cube_around(

@@ -28,6 +28,7 @@ from ..passes.reflections import (
     MARCH_REFLECTIONS,
     NO_RAY,
     REFLECT,
+    REFLECTED_BEHIND,
     REFLECTED_BY_DIRECTION,
     REFLECTED_NOTHING,
     REFLECTED_OUT_OF_VIEW,
@@ -120,9 +121,6 @@ class ReflectionWork:
         """before which no pixel settles"""
         self._followed = [0] * len(parts)
         """bounces of each part's round"""
-        is_bright = snapshot.world is not None and max(snapshot.world.radiance) > 0
-        self.has_surroundings = is_bright or surfaces.has_emission
-        """Something but lights lights surfaces."""
         self.statistics = ReflectionStatistics(bounces=planned.bounces)
         self.hits: list[list[Hits]] = []
         """from `preparing` on, as what else rays are kept in: of each of a batch's eye samples, bounce by bounce"""
@@ -410,7 +408,7 @@ class ReflectionWork:
         )
         if not self._is_counted:
             self._count_found()
-        if not self.has_surroundings:
+        if not self.plan.has_surroundings:
             return
         around: dict[str, object] = {
             **self.scene_data.bindings,
@@ -458,12 +456,13 @@ class ReflectionWork:
             return
         found = self.device.read(self.surfaces)[..., 3].astype(np.int64)
         shown = found[spread_to_pixels(self.tiles_shown, *self.size)]
-        counts = np.bincount(shown, minlength=5)
+        counts = np.bincount(shown, minlength=REFLECTED_BEHIND + 1)
         ray_count = int(counts.sum() - counts[NO_RAY])
         self.statistics.ray_count = ray_count
         self.statistics.found_share = float(counts[REFLECTED_SURFACE] / max(ray_count, 1))
         self.statistics.by_direction_share = float(counts[REFLECTED_BY_DIRECTION] / max(ray_count, 1))
-        self.statistics.shaded_count = int(counts[REFLECTED_SURFACE] + counts[REFLECTED_BY_DIRECTION])
+        self.statistics.behind_share = float(counts[REFLECTED_BEHIND] / max(ray_count, 1))
+        self.statistics.shaded_count = int(counts[[REFLECTED_SURFACE, REFLECTED_BY_DIRECTION, REFLECTED_BEHIND]].sum())
         self.statistics.left_share = float((counts[REFLECTED_NOTHING] + counts[REFLECTED_OUT_OF_VIEW]) / max(ray_count, 1))
 
     @property
