@@ -8,10 +8,6 @@
 
 const int TILE_CELLS = 8;
 const int MAX_SMALL_CELLS = 32;          // what a mask of 32 bits holds
-const int MAX_PARTS = 4096;              // square parts of a sliver
-// Levels that one invocation walks: 85 nodes. A whole floor takes tens of thousands, which would keep one processor of a GPU busy
-// for long, and software rasterizers end a shader's loops after 65536 steps.
-const int MAX_QUADTREE_LEVEL = 3;
 const int MAX_QUADTREE_STEPS = 128;  // never reached; a loop on a GPU must end whatever the numbers are
 const float GENERATION_VIEW_PX = 4096.0;  // of vir's generation view; without a limit a wall that reaches the light takes all memory
 
@@ -154,10 +150,10 @@ float spacing_of(AlignedTriangle t) {
 
 #ifndef LIST_LARGE
 void append_part(int instance, int triangle, vec2 low, vec2 size) {
-    uint index = imageAtomicAdd(counters, ivec2(3, 0), 1u);
-    if (index < uint(part_capacity)) {
-        imageStore(parts, linear_texel(2 * int(index)), vec4(float(instance), float(triangle), 0.0, 0.0));
-        imageStore(parts, linear_texel(2 * int(index) + 1), vec4(low, size));
+    int index = int(imageAtomicAdd(counters, ivec2(3, 0), 1u)) - counted_parts;
+    if (index < part_capacity) {
+        imageStore(parts, linear_texel(2 * index), vec4(float(instance), float(triangle), 0.0, 0.0));
+        imageStore(parts, linear_texel(2 * index + 1), vec4(low, size));
     }
 }
 #endif
@@ -174,12 +170,10 @@ bool wanted(AlignedTriangle t, vec2 center, vec2 half_size, out vec3 corners[4])
 
 // of_splats: a negative number of columns says so
 void append_tile(int instance, int triangle, vec2 low, vec2 size, vec2 cell_counts, bool of_splats) {
-    uint index = imageAtomicAdd(counters, ivec2(1, 0), 1u);
-    if (index < uint(tile_capacity)) {
-        vec2 counts = of_splats ? vec2(-cell_counts.x, cell_counts.y) : cell_counts;
-        imageStore(tiles, linear_texel(2 * int(index)), vec4(float(instance), float(triangle), counts));
-        imageStore(tiles, linear_texel(2 * int(index) + 1), vec4(low, size / cell_counts));
-    }
+    int index = int(imageAtomicAdd(counters, ivec2(1, 0), 1u)) - counted_tiles;
+    vec2 counts = of_splats ? vec2(-cell_counts.x, cell_counts.y) : cell_counts;
+    imageStore(tiles, linear_texel(2 * index), vec4(float(instance), float(triangle), counts));
+    imageStore(tiles, linear_texel(2 * index + 1), vec4(low, size / cell_counts));
 }
 
 // Cuts a part into tiles of at most TILE_CELLS^2 cells, each sampled at the density that it needs itself: one density for all of
@@ -220,7 +214,7 @@ void main() {
 #endif
             if (max(cell_counts.x, cell_counts.y) <= float(TILE_CELLS)) {
                 append_tile(instance_index, triangle_index, node_low, node_size, cell_counts, of_splats);
-            } else if (level < MAX_QUADTREE_LEVEL) {
+            } else if (level < QUADTREE_LEVELS) {
                 level++;
                 node *= 2;
                 continue;
@@ -258,7 +252,7 @@ void append_parts(AlignedTriangle t, int instance, int triangle, vec2 low, vec2 
     // u runs along the longest edge: square parts lie side by side. Halves of squares are twice as long as high, and rounding does not
     // decide whether two parts do.
     vec2 extent = high - low;
-    int count = int(clamp(ceil(0.99 * extent.x / max(extent.y, 1e-30)), 1.0, float(MAX_PARTS)));
+    int count = int(clamp(ceil(0.99 * extent.x / max(extent.y, 1e-30)), 1.0, float(PARTS_OF_A_SLIVER)));
     vec2 size = vec2(extent.x / float(count), extent.y);
     for (int k = 0; k < count; k++) {
         append_part(instance, triangle, low + vec2(size.x * float(k), 0.0), size);

@@ -156,13 +156,13 @@ def test_what_the_buffer_has_room_for_is_generated_once(device, monkeypatch):
     """Batches walk over the other triangles only, as many as their points do not fit."""
     scene = made("sphere")
     walked: list[int] = []
-    running = ImprovedViewIndependentRasterization._running_triangles
+    generating = ImprovedViewIndependentRasterization._generating_points
 
-    def noting(self, declaration, first_group, group_count, **outputs):
+    def noting(self, triangles, tiles, first_group, group_count, **outputs):
         walked.append(group_count)
-        yield from running(self, declaration, first_group, group_count, **outputs)
+        yield from generating(self, triangles, tiles, first_group, group_count, **outputs)
 
-    monkeypatch.setattr(ImprovedViewIndependentRasterization, "_running_triangles", noting)
+    monkeypatch.setattr(ImprovedViewIndependentRasterization, "_generating_points", noting)
     settings = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": 1024, "cull_hidden": False}
     with prepared_renderer(scene, device, **settings) as renderer:
         (method,) = (method for _, _, method in renderer.works[0].faces if method is not None)
@@ -183,13 +183,13 @@ def test_what_has_room_is_found_out_once_where_faces_take_turns(device, monkeypa
     settings = {"method": Method.IVIR, "view_count": 16, "map_resolution_px": MAP_PX, "cull_hidden": False}
     whole = render_passes(scene, device, **settings)
     walked: dict[int, int] = {}
-    running = ImprovedViewIndependentRasterization._running_triangles
+    generating = ImprovedViewIndependentRasterization._generating_points
 
-    def noting(self, declaration, first_group, group_count, **outputs):
+    def noting(self, triangles, tiles, first_group, group_count, **outputs):
         walked[id(self)] = walked.get(id(self), 0) + group_count
-        yield from running(self, declaration, first_group, group_count, **outputs)
+        yield from generating(self, triangles, tiles, first_group, group_count, **outputs)
 
-    monkeypatch.setattr(ImprovedViewIndependentRasterization, "_running_triangles", noting)
+    monkeypatch.setattr(ImprovedViewIndependentRasterization, "_generating_points", noting)
     with prepared_renderer(scene, device, replay_buffer_mib=1, **settings) as renderer:
         kept, guest = (method for work in renderer.works for _, _, method in work.faces if method is not None)
         counts = guest.counts()

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from typing import Any
 
+from ...device.declaration import KernelDeclaration
 from ..passes.points import BUFFER_SMALL_TRIANGLES, SPLAT_SMALL_TRIANGLES
 from ..settings import PointStorage
 from .base import FaceJob
@@ -38,11 +39,12 @@ class HybridRasterization(ImprovedViewIndependentRasterization):
     def preparing(self) -> Generator[None, None, None]:
         expected = min(int(EXPECTED_LARGE_SHARE * self.caster_triangle_count), MOST_EXPECTED_LARGE)
         # a list that turns out too short costs another walk over all triangles
-        self._fits(self.parts, TEXELS_PER_TRIANGLE, expected)
+        self._has_room_for(expected)
         yield from super().preparing()
         if self.storage is PointStorage.BUFFERLESS:
             # the rasterizer comes before the first points: a buffer without room leaves only the list
-            yield from self._running_triangles(self.buffer_triangles, 0, self.work.group_count, points=self.tiles.texture, texel_capacity=0)
+            outputs = {"points": self.tiles.texture, "texel_capacity": 0}
+            yield from self._generating_points(self.buffer_triangles, self.buffer_tiles, 0, self.work.group_count, **outputs)
 
     @property
     def held_bytes(self) -> int:
@@ -70,19 +72,25 @@ class HybridRasterization(ImprovedViewIndependentRasterization):
             "points_of_small": self.settings.small_triangle_points,
         }
 
-    def _finishing_large(self) -> Generator[None, None, bool]:
-        """Take the list over; returns as of `ivir`. It is whole after the first run, which is always of all work groups; later runs leave
-        it alone."""
+    def _finishing_large(self, tiles: KernelDeclaration, **outputs: Any) -> Generator[None, None, bool]:
+        """Take the list over; returns False when it was too short: it has grown, and its content is lost. It is whole after the first run,
+        which is always of all work groups; later runs leave it alone."""
         if self._has_listed:
             return True
         yield
-        count = int(self.device.read(self.counters)[0, 3])
-        if not self._fits(self.parts, TEXELS_PER_TRIANGLE, count):
+        count = self.counters.read().parts
+        if not self._has_room_for(count):
             return False
         self.large.add(self.parts, 0, count)
         self.large_triangle_count = count
         self._has_listed = True
         return True
+
+    def _has_room_for(self, triangle_count: int) -> bool:
+        if TEXELS_PER_TRIANGLE * triangle_count <= self.parts.texel_count:
+            return True
+        self.parts.reserve(2 * TEXELS_PER_TRIANGLE * triangle_count)
+        return False
 
     def counts(self) -> dict[str, int]:
         return {**super().counts(), "large_triangle_count": self.large_triangle_count}

@@ -6,6 +6,7 @@ generated again for each batch. `bufferless`: every batch generates the points a
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Generator
 from typing import Any
 
@@ -20,15 +21,14 @@ from ..settings import PointStorage
 from ..steps import compiling, run_steps
 from .base import FaceJob, ReplayMethod
 from .linear_store import LinearStore
+from .part_cutting import PartCutter
 from .seen_space import seen_space_bindings, window_bounds
-from .shared import TEXELS_PER_SPLAT, TEXELS_PER_TILE
+from .shared import TEXELS_PER_SPLAT
 
 TILE_CELLS = 8
 """as in generate_points.comp.glsl"""
 WORTHWHILE_SHARE_KEPT = 0.8
 """Kept points are in the order in which invocations finished, which costs the maps' locality: replaying 95 % of them took 18 % longer."""
-MAX_CUTS = 6
-"""A part that touches the light asks for any number of points; six cuts into 8 x 8 make enough."""
 BYTES_PER_POINT = 16
 FILLED_SHARE = 0.95
 """of a buffer that has no room for all points: triangles that stand together in the list may have more of them than others"""
@@ -56,6 +56,9 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         fitted, scratch = job.fitted, job.shared.point_scratch
         self.capacity_limit = job.shared.budget_bytes // BYTES_PER_POINT
         self.counters, self.tiles, self.parts = scratch.counters, scratch.tiles, scratch.parts
+        self.cutter = PartCutter(scratch)
+        self._groups_at_once = sys.maxsize
+        """of triangles; fewer where more of them are large than the list of parts has room for"""
         seen_space = seen_space_bindings(fitted.views, job.light, job.samples_m)
         bounds = window_bounds(fitted.views)
         self.sampling_bindings = {
@@ -75,7 +78,6 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         self.points_per_invocation = 1
         self.culled_triangle_count = 0
         self.point_count = 0
-        self.tile_count = 0
         self.buffered_point_count = 0
         self.buffered_splat_count = 0
         """at the end of the buffer; only `epr` makes some"""
@@ -134,17 +136,15 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         """Points of the first work groups. Pauses between kernels. Returns how many texels they take (more than the buffer has: the rest is
         lost) and triangles culled."""
         outputs = {"points": self.points.texture, "texel_capacity": self.points.texel_count}
-        yield from self._running_triangles(self.buffer_triangles, 0, group_count, **outputs)
-        yield
-        yield from self._running_tiles(self.buffer_tiles, self.tile_count, **outputs)
+        yield from self._generating_points(self.buffer_triangles, self.buffer_tiles, 0, group_count, **outputs)
         culled = self._read_counts()
         return self.buffered_point_count + TEXELS_PER_SPLAT * self.buffered_splat_count, culled
 
     def _read_counts(self) -> int:
         """Set how many points and splats the generating kernels found; returns how many triangles they culled."""
-        counters = self.device.read(self.counters)[0]
-        self.buffered_point_count, self.buffered_splat_count = int(counters[0]), int(counters[4])
-        return int(counters[2])
+        counts = self.counters.read()
+        self.buffered_point_count, self.buffered_splat_count = counts.points, counts.splats
+        return counts.culled_triangles
 
     def _compiling(self, declaration: Any) -> Generator[None, None, Any]:
         """Returns one of the four kernels."""
@@ -155,79 +155,68 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         kernel = yield from self._compiling(declaration)
         kernel.dispatch_linear(invocation_count, **bindings)
 
-    def _running_triangles(
-        self, declaration: KernelDeclaration, first_group: int, group_count: int, **outputs: Any
+    def _generating_points(
+        self, triangles: KernelDeclaration, tiles: KernelDeclaration, first_group: int, group_count: int, **outputs: Any
     ) -> Generator[None, None, None]:
-        """Of a range of work groups, pausing before what is too large for one invocation is cut."""
-        while True:
-            self.device.fill(self.counters, 0)
+        """Of a range of work groups. Begins again with fewer at once where a list was too small for what is large in them."""
+        is_done = False
+        while not is_done:
+            self.counters.clear()
+            is_done = yield from self._generating_in_portions(triangles, tiles, first_group, group_count, **outputs)
+
+    def _generating_in_portions(
+        self, triangles: KernelDeclaration, tiles: KernelDeclaration, first_group: int, group_count: int, **outputs: Any
+    ) -> Generator[None, None, bool]:
+        end = first_group + group_count
+        while first_group < end:
+            count = min(self._groups_at_once, end - first_group)
             yield from self._generating(
-                declaration,
-                group_count * WORK_GROUP_SIZE,
+                triangles,
+                count * WORK_GROUP_SIZE,
                 **self.sampling_bindings,
                 **outputs,
                 work_table=self.work.texture,
                 first_group=first_group,
-                group_count=group_count,
+                group_count=count,
                 culling_area_texels=self.settings.culling_area_texels,
-                counters=self.counters,
+                counters=self.counters.texture,
                 **self._large_outputs(),
             )
-            if (yield from self._finishing_large()):
-                return
+            if not (yield from self._finishing_large(tiles, **outputs)):
+                return False
+            first_group += count
+        return True
 
     def _large_outputs(self) -> dict[str, Any]:
         """Where triangles of many cells go."""
-        return {"parts": self.parts.texture, "part_capacity": self.parts.texel_count // TEXELS_PER_TILE}
+        self._counted_parts = self.counters.read().parts
+        return {"parts": self.parts.texture, "part_capacity": self.cutter.part_limit, "counted_parts": self._counted_parts}
 
-    def _finishing_large(self) -> Generator[None, None, bool]:
-        """Cut parts until only tiles are left. Returns False when a list was too small: it has grown, and its content is lost."""
+    def _finishing_large(self, tiles: KernelDeclaration, **outputs: Any) -> Generator[None, None, bool]:
+        """Make points of what the last run over triangles left as parts. Returns False when their list was too small for them."""
         kernel = yield from compiling(self.device, CUT_PARTS, *self.sampling_flags)
         yield
-        done = 0
-        for cut in range(MAX_CUTS + 1):
-            _, self.tile_count, _, part_count = (int(count) for count in self.device.read(self.counters)[0, :4])
-            lists = ((self.tiles, self.tile_count), (self.parts, part_count))
-            fits = [self._fits(store, TEXELS_PER_TILE, count) for store, count in lists]
-            if not all(fits):
-                return False
-            if part_count == done:
-                break
-            kernel.dispatch_linear(
-                part_count - done,
-                **self.sampling_bindings,
-                counters=self.counters,
-                parts=self.parts.texture,
-                tiles=self.tiles.texture,
-                first_part=done,
-                part_count=part_count - done,
-                part_capacity=self.parts.texel_count // TEXELS_PER_TILE,
-                tile_capacity=self.tiles.texel_count // TEXELS_PER_TILE,
-                may_leave_parts=int(cut < MAX_CUTS - 1),
-            )
-            done = part_count
-        return True
+        part_count = self.counters.read().parts - self._counted_parts
+        if part_count > self.cutter.part_limit:
+            self._groups_at_once = max(1, min(self._groups_at_once, self.work.group_count) // 2)
+            return False
 
-    @staticmethod
-    def _fits(store: LinearStore, texels_each: int, count: int) -> bool:
-        if texels_each * count <= store.texel_count:
-            return True
-        store.reserve(texels_each * 2 * count)
-        return False
+        def running_tiles(tile_count: int) -> Generator[None, None, None]:
+            return self._generating(
+                tiles,
+                tile_count * self.invocations_per_tile,
+                **self.sampling_bindings,
+                **outputs,
+                tile_list=self.tiles.texture,
+                tile_count=tile_count,
+                counters=self.counters.texture,
+            )
+
+        yield from self.cutter.cutting(kernel, running_tiles, part_count, **self.sampling_bindings)
+        return True
 
     def _flags_of(self, declaration: KernelDeclaration) -> list[str]:
         return sorted({*self.sampling_flags, *(self.splat_flags if "depth_maps" in declaration.images else ())})
-
-    def _running_tiles(self, declaration: KernelDeclaration, tile_count: int, **outputs: Any) -> Generator[None, None, None]:
-        yield from self._generating(
-            declaration,
-            tile_count * self.invocations_per_tile,
-            **self.sampling_bindings,
-            **outputs,
-            tile_list=self.tiles.texture,
-            tile_count=tile_count,
-            counters=self.counters,
-        )
 
     # batches
 
@@ -250,8 +239,8 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
 
     def _splatting(self, first_group: int, **outputs: Any) -> Generator[None, None, None]:
         """Points of all work groups from this one on, as they are generated."""
-        yield from self._running_triangles(self.splat_triangles, first_group, self.work.group_count - first_group, **outputs)
-        yield from self._running_tiles(self.splat_tiles, self.tile_count, **outputs)
+        group_count = self.work.group_count - first_group
+        yield from self._generating_points(self.splat_triangles, self.splat_tiles, first_group, group_count, **outputs)
 
     def _replay(self, **batch: Any) -> None:
         """What the buffer holds into the maps. batch: what points are splatted with"""
@@ -268,17 +257,17 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         self._has_searched_hidden = True
         with Owned() as temporary:
             kept = temporary.own(LinearStore(self.device, self.buffered_point_count))
-            self.device.fill(self.counters, 0)
+            self.counters.clear()
             self.device.compute_kernel(KEEP_SEEN_POINTS, *self.projection_flags).dispatch_linear(
                 self.buffered_point_count,
                 **batch,
                 points=self.points.texture,
                 kept_points=kept.texture,
-                counters=self.counters,
+                counters=self.counters.texture,
                 face=self.face_table,
                 point_count=self.buffered_point_count,
             )
-            self.kept_point_count = int(self.device.read(self.counters)[0, 0])
+            self.kept_point_count = self.counters.read().points
             if self.kept_point_count > WORTHWHILE_SHARE_KEPT * self.buffered_point_count:
                 self.kept_point_count = self.buffered_point_count
                 return

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from ...device.interface import Device, TextureFormat
 from ...device.owned import Owned
-from ..passes.points import LATTICE_VIEWPORT_PX
+from ..passes.points import LATTICE_VIEWPORT_PX, PARTS_OF_A_SLIVER
+from ..passes.scene_data import WORK_GROUP_SIZE
 from ..settings import Settings
 from .linear_store import LinearStore
 
-TEXELS_PER_TILE = 2
-"""of a part as well"""
+TEXELS_PER_TILE = TEXELS_PER_PART = 2
 TEXELS_PER_SPLAT = 2
-COUNTER_COUNT = 5
-"""as of COUNTERS in core/passes/points.py"""
-FIRST_TILE_CAPACITY = 1 << 15
-FIRST_PART_CAPACITY = 1 << 13
+TILE_CAPACITY = 1 << 17
+"""Tiles that become points in one step: two to four million points."""
+MAX_CUTS = 6
+"""A part that touches the light asks for any number of points; six cuts into 8 x 8 make enough."""
+PART_CAPACITY = 2 * WORK_GROUP_SIZE * PARTS_OF_A_SLIVER
+"""Half of it holds what the triangles of a work group may become; the other half, halved by every cut, is room for more than one part to
+be cut."""
 SOURCE_PART_PX = 2048
 """The source view of `vwss` is drawn in parts of at most so many texels each way: it may be larger than a viewport."""
 
@@ -32,14 +35,47 @@ class ReplayKeeper(Protocol):
         """Give the memory back."""
 
 
+class Counts(NamedTuple):
+    """In the order of COUNTERS in core/passes/points.py."""
+
+    points: int = 0
+    tiles: int = 0
+    culled_triangles: int = 0
+    parts: int = 0
+    """or large triangles, where these are listed"""
+    splats: int = 0
+
+
+class Counters:
+    """What kernels count. Counters of 32 bits go round where lights touch walls: read before they do, they count on."""
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self.texture = device.create_texture(len(Counts._fields), 1, TextureFormat.R32UI)
+        self._counts = Counts()
+
+    def clear(self) -> None:
+        self.device.fill(self.texture, 0)
+        self._counts = Counts()
+
+    def read(self) -> Counts:
+        """All that was counted since they were cleared."""
+        counted = (int(count) for count in self.device.read(self.texture)[0])
+        self._counts = Counts(*(last + (now - last) % (1 << 32) for now, last in zip(counted, self._counts, strict=True)))
+        return self._counts
+
+    def release(self) -> None:
+        self.texture.release()
+
+
 class PointScratch:
     """Lists of `ivir` that live while points are made."""
 
     def __init__(self, device: Device) -> None:
         with Owned() as owned:
-            self.counters = owned.own(device.create_texture(COUNTER_COUNT, 1, TextureFormat.R32UI))
-            self.tiles = owned.own(LinearStore(device, TEXELS_PER_TILE * FIRST_TILE_CAPACITY))
-            self.parts = owned.own(LinearStore(device, TEXELS_PER_TILE * FIRST_PART_CAPACITY))
+            self.counters = owned.own(Counters(device))
+            self.tiles = owned.own(LinearStore(device, TEXELS_PER_TILE * TILE_CAPACITY))
+            self.parts = owned.own(LinearStore(device, TEXELS_PER_PART * PART_CAPACITY))
             self._owned = owned.pop_all()
 
     def release(self) -> None:

@@ -95,8 +95,18 @@ SAMPLING_FLAGS = {
     "GLOBAL_RATE": "a triangle's distance and the worst angle of any map decide its density (Marrs et al. 2017)",
     "STOCHASTIC_CULLING": "cull triangles of an area A below `culling_area_texels` with probability 1 - A / culling_area_texels",
 }
+QUADTREE_LEVELS = 3
+"""that one invocation walks below a part: 85 nodes. A whole floor takes tens of thousands, which would keep one processor of a GPU busy for
+long, and software rasterizers end a shader's loops after 65536 steps."""
+PARTS_OF_A_PART = 4**QUADTREE_LEVELS
+"""at most, and as many tiles"""
+PARTS_OF_A_SLIVER = 4096
+"""Square ones, at most. A triangle as large and less slender becomes fewer."""
 PARTS_TEXT = "two texels a part of a large triangle: instance and triangle; corner and size"
-PART_CAPACITY = Constant("int", "parts that the list holds")
+PART_CONSTANTS = {
+    "part_capacity": Constant("int", "parts that the list holds"),
+    "counted_parts": Constant("int", "what the counter of parts says more than the list will hold before the next"),
+}
 POINT_STORE = {"points": Stored("RGBA32F", "write", "position (face space) and packed normal")}
 
 
@@ -117,7 +127,7 @@ def _generate(name: str, text: str, source_flag: str, output_flag: str, *, list_
             constants["points_of_small"] = Constant("int", "the most points that a triangle may have without being large")
         else:
             images["parts"] = Stored("RGBA32F", "write", PARTS_TEXT)
-            constants["part_capacity"] = PART_CAPACITY
+            constants |= PART_CONSTANTS
     else:
         textures["tile_list"] = Sampled("sampler2D", "tiles of large triangles")
         constants["tile_count"] = Constant("int", "tiles to sample")
@@ -141,6 +151,7 @@ def _generate(name: str, text: str, source_flag: str, output_flag: str, *, list_
         defines={
             **SCENE_DEFINES,
             **({"WORK_GROUP_SIZE": WORK_GROUP_SIZE} if from_triangles else {}),
+            **({"PARTS_OF_A_SLIVER": PARTS_OF_A_SLIVER} if from_triangles and not list_large else {}),
             source_flag: 1,
             output_flag: 1,
             **({"LIST_LARGE": 1} if list_large else {}),
@@ -163,13 +174,13 @@ CUT_PARTS = ComputeDeclaration(
         **SAMPLING_CONSTANTS,
         "first_part": Constant("int", "the first part to cut"),
         "part_count": Constant("int", "parts to cut"),
-        "part_capacity": PART_CAPACITY,
-        "tile_capacity": Constant("int", "tiles that the list holds"),
+        **PART_CONSTANTS,
+        "counted_tiles": Constant("int", "the same of tiles, for which there always is room"),
         "may_leave_parts": Constant("int", "0: what is still too large becomes a tile, sampled too sparsely"),
     },
     tables=SAMPLING_TABLES,
     flags=SAMPLING_FLAGS,
-    defines={**SCENE_DEFINES, "FROM_PARTS": 1},
+    defines={**SCENE_DEFINES, "FROM_PARTS": 1, "QUADTREE_LEVELS": QUADTREE_LEVELS},
 )
 
 BUFFER_TRIANGLES = _generate("buffer_triangles", "points of small triangles into the buffer", "FROM_TRIANGLES", "INTO_BUFFER")

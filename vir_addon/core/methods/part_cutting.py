@@ -1,0 +1,67 @@
+"""Cutting large triangles of `ivir` into tiles, in lists whose size does not depend on how many tiles there are.
+
+A wall that touches a light may take a hundred million tiles. Parts are a stack: those on its top are cut first, only so many at once that
+there is room for whatever becomes of them, and tiles become points as soon as their list is full.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from typing import Any
+
+from ...device.interface import ComputeKernel
+from ..passes.points import PARTS_OF_A_PART
+from .shared import MAX_CUTS, TEXELS_PER_PART, TEXELS_PER_TILE, PointScratch
+
+RunTiles = Callable[[int], Generator[None, None, None]]
+"""makes points of so many tiles at the list's beginning, in steps"""
+
+
+class PartCutter:
+    def __init__(self, scratch: PointScratch) -> None:
+        self.counters, self.parts, self.tiles = scratch.counters, scratch.parts, scratch.tiles
+
+    @property
+    def part_limit(self) -> int:
+        """Parts of triangles that may be on the list at once: half of it. What is cut takes half of what is left, so that even what is cut
+        `MAX_CUTS` times has room."""
+        return self.parts.texel_count // TEXELS_PER_PART // 2
+
+    def cutting(self, kernel: ComputeKernel, run_tiles: RunTiles, part_count: int, **bindings: Any) -> Generator[None, None, None]:
+        """Make points of the list's first `part_count` parts, at most `part_limit`, pausing between kernels.
+
+        bindings: what `kernel`, one of CUT_PARTS, is bound to beside the lists
+        """
+        tile_limit = self.tiles.texel_count // TEXELS_PER_TILE
+        counts = self.counters.read()
+        flushed_count, tile_count = counts.tiles, 0
+        stack = [(0, part_count, 0)]
+        while stack:
+            first, end, cuts = stack.pop()
+            free_count = self.parts.texel_count // TEXELS_PER_PART - end
+            cut_count = min(end - first, free_count // 2 // PARTS_OF_A_PART, tile_limit // PARTS_OF_A_PART)
+            if tile_count + PARTS_OF_A_PART * cut_count > tile_limit:
+                yield from run_tiles(tile_count)
+                flushed_count, tile_count = flushed_count + tile_count, 0
+                yield
+            kernel.dispatch_linear(
+                cut_count,
+                **bindings,
+                counters=self.counters.texture,
+                parts=self.parts.texture,
+                tiles=self.tiles.texture,
+                first_part=end - cut_count,
+                part_count=cut_count,
+                part_capacity=end + free_count,
+                counted_parts=counts.parts - end,
+                counted_tiles=flushed_count,
+                may_leave_parts=int(cuts < MAX_CUTS - 1),
+            )
+            before, counts = counts.parts, self.counters.read()
+            tile_count = counts.tiles - flushed_count
+            if first < end - cut_count:
+                stack.append((first, end - cut_count, cuts))
+            if counts.parts > before:
+                stack.append((end, end + counts.parts - before, cuts + 1))
+            yield
+        yield from run_tiles(tile_count)
