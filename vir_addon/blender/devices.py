@@ -14,6 +14,7 @@ from typing import Any, TypeVar, cast
 import bpy
 
 from ..core.errors import DeviceError
+from ..device.blender_objects import free_put_by
 from ..device.interface import Device
 from ..device.open import open_device
 
@@ -67,6 +68,7 @@ def close_devices() -> None:
     with _lock:
         while _devices:
             _devices.popitem()[1].close()
+    free_put_by()
 
 
 def register() -> None:

@@ -22,6 +22,7 @@ import numpy as np
 
 from ..core.errors import DeviceError
 from . import shader_source
+from .blender_objects import ObjectHolder, free_put_by
 from .declaration import ComputeDeclaration, GeometryDeclaration, KernelDeclaration, RasterDeclaration
 from .interface import (
     ComputeKernel,
@@ -49,7 +50,7 @@ EGL_PLATFORM_SURFACELESS = 0x31DD
 INSTALL_EGL = "apt-get install libegl1 libgl1 libgl1-mesa-dri"
 
 
-class BlenderTexture(Texture):
+class BlenderTexture(Texture, ObjectHolder):
     def __init__(
         self, device: BlenderGpuDevice, width: int, height: int, texture_format: TextureFormat, texels: np.ndarray | None = None
     ) -> None:
@@ -66,8 +67,11 @@ class BlenderTexture(Texture):
         # Blender frees a GPU object with its last Python reference
         self.device.run(setattr, self, "handle", None)
 
+    def held_objects(self) -> list[Any]:
+        return [vars(self).get("handle")]
 
-class BlenderMesh(DeviceMesh):
+
+class BlenderMesh(DeviceMesh, ObjectHolder):
     def __init__(self, device: BlenderGpuDevice, positions: np.ndarray, triangles: np.ndarray) -> None:
         self.device, self.triangle_count = device, len(triangles)
         types = device.gpu.types
@@ -81,8 +85,11 @@ class BlenderMesh(DeviceMesh):
     def release(self) -> None:
         self.device.run(setattr, self, "batch", None)
 
+    def held_objects(self) -> list[Any]:
+        return [vars(self).get("batch")]
 
-class _Framebuffer:
+
+class _Framebuffer(ObjectHolder):
     """Each of Blender's windows has a context, which textures are shared with but framebuffers are not, and any may be active when Blender
     calls next: a framebuffer is made again in every call from outside."""
 
@@ -101,6 +108,9 @@ class _Framebuffer:
 
     def release(self) -> None:
         self._handle, self._slots, self._made_in_call = None, {}, -1
+
+    def held_objects(self) -> list[Any]:
+        return [self._handle, self._slots]
 
 
 class BlenderTarget(RenderTarget):
@@ -133,7 +143,7 @@ def _create_info(gpu: Any, declaration: KernelDeclaration, flags: tuple[str, ...
     return info
 
 
-class _Bindings:
+class _Bindings(ObjectHolder):
     """Binds a declaration's names to one shader; shared by compute and raster kernels."""
 
     def __init__(self, device: BlenderGpuDevice, declaration: KernelDeclaration, shader: Any) -> None:
@@ -158,6 +168,9 @@ class _Bindings:
         for name, table in declaration.tables.items():
             self.table_buffers[name].update(table.pack(name, bindings[name]))
             shader.uniform_block(name, self.table_buffers[name])
+
+    def held_objects(self) -> list[Any]:
+        return [vars(self).get("shader"), vars(self).get("table_buffers")]
 
     def set_constant(self, name: str, value: Any) -> None:
         location = self.locations.get(name)
@@ -284,7 +297,9 @@ class BlenderGpuDevice(Device):
             raise DeviceError(
                 "Blender's gpu module works only on the thread that opened the device; use the device moderngl from other threads"
             )
-        self.call_count += self._call_depth == 0
+        if self._call_depth == 0:
+            free_put_by()
+            self.call_count += 1
         self._call_depth += 1
         try:
             return function(*arguments)
