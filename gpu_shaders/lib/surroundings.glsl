@@ -80,11 +80,23 @@ int map_around(ivec2 pixel) {
     return beside >= 0 ? beside : int(texelFetch(ray_origins, pixel, 0).w);
 }
 
-// What lies in a direction, in that map.
+// What lies in a direction, in that map; where nothing does, in the mirrored view beside a flat reflector's cube, which sees what the cube
+// sees edge-on or not at all.
 Found found_around(ivec2 pixel, Sending sending, vec3 direction, bool counts_by_direction) {
-    vec3 origin_ws = texelFetch(ray_origins, pixel, 0).xyz;
-    float first_m = FIRST_SHARE * max(length(sending.position_ws - origin_ws), length(sending.position_ws));
-    return follow(load_map(map_around(pixel)), sending.position_ws, direction, first_m, FAR_ALONG, counts_by_direction);
+    vec4 ray = texelFetch(ray_origins, pixel, 0);
+    float first_m = FIRST_SHARE * max(length(sending.position_ws - ray.xyz), length(sending.position_ws));
+    int number = map_around(pixel);
+    Found found = follow(load_map(number), sending.position_ws, direction, first_m, FAR_ALONG, counts_by_direction);
+#ifndef BY_DIRECTION
+    bool is_beside = number == int(texelFetch(throughputs, pixel, 0).w) % MAP_NUMBERS - 1;
+    if (is_empty(found.texel) && is_beside) {
+        Found in_view = march(load_map(int(ray.w)), sending.position_ws, direction, first_m, FAR_ALONG);
+        if (is_met_exactly(in_view.how) && in_view.meeting.inside) {
+            found = in_view;
+        }
+    }
+#endif
+    return found;
 }
 
 vec4 emitter_row(int index) {
