@@ -35,7 +35,7 @@ def test_lists_keep_their_size(device, monkeypatch, storage):
         ((_, _, method),) = renderer.works[0].faces[:1]
         scratch = method.shared.point_scratch
         assert scratch.tiles.texel_count == shared.TEXELS_PER_TILE * shared.TILE_CAPACITY
-        assert scratch.parts.texel_count == shared.TEXELS_PER_PART * shared.PART_CAPACITY
+        assert scratch.parts.texel_count == shared.TEXELS_PER_PART * shared.FIRST_PART_CAPACITY
         assert method.point_count > TILE_CELLS**2 * shared.TILE_CAPACITY, "one list is enough"
 
 
@@ -54,7 +54,8 @@ def test_short_lists_make_the_same_picture(device, monkeypatch, made, storage):
 
     monkeypatch.setattr(part_cutting.PartCutter, "cutting", counted)
     monkeypatch.setattr(shared, "TILE_CAPACITY", 1 << 11)
-    monkeypatch.setattr(shared, "PART_CAPACITY", 1 << 13)
+    monkeypatch.setattr(shared, "FIRST_PART_CAPACITY", 1 << 13)
+    monkeypatch.setattr(part_cutting, "MOST_PART_CAPACITY", 1 << 13)
     np.testing.assert_array_equal(render_pass(scene, device, points=storage, **SETTINGS), image)
     assert 0 < max(runs) <= 1 << 12
     if made is large_leaves:

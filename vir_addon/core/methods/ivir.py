@@ -198,7 +198,8 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
         yield
         part_count = self.counters.read().parts - self._counted_parts
         if part_count > self.cutter.part_limit:
-            self._groups_at_once = max(1, min(self._groups_at_once, self.work.group_count) // 2)
+            if not self.cutter.has_grown_for(part_count):
+                self._groups_at_once = max(1, min(self._groups_at_once, self.work.group_count) // 2)
             return False
 
         def running_tiles(tile_count: int) -> Generator[None, None, None]:

@@ -1,4 +1,4 @@
-"""Cutting large triangles of `ivir` into tiles, in lists whose size does not depend on how many tiles there are.
+"""Cutting large triangles of `ivir` into tiles, in lists whose size does not depend on how many tiles they take.
 
 A wall that touches a light may take a hundred million tiles. Parts are a stack: those on its top are cut first, only so many at once that
 there is room for whatever becomes of them, and tiles become points as soon as their list is full.
@@ -11,7 +11,7 @@ from typing import Any
 
 from ...device.interface import ComputeKernel
 from ..passes.points import PARTS_OF_A_PART
-from .shared import MAX_CUTS, TEXELS_PER_PART, TEXELS_PER_TILE, PointScratch
+from .shared import MAX_CUTS, MOST_PART_CAPACITY, TEXELS_PER_PART, TEXELS_PER_TILE, PointScratch
 
 RunTiles = Callable[[int], Generator[None, None, None]]
 """makes points of so many tiles at the list's beginning, in steps"""
@@ -26,6 +26,14 @@ class PartCutter:
         """Parts of triangles that may be on the list at once: half of it. What is cut takes half of what is left, so that even what is cut
         `MAX_CUTS` times has room."""
         return self.parts.texel_count // TEXELS_PER_PART // 2
+
+    def has_grown_for(self, part_count: int) -> bool:
+        """Whether the list of parts, whose content is lost, has grown; False where it is as large as it ever gets."""
+        most_texels = TEXELS_PER_PART * MOST_PART_CAPACITY
+        if self.parts.texel_count >= most_texels:
+            return False
+        self.parts.reserve(min(2 * 2 * TEXELS_PER_PART * part_count, most_texels))
+        return True
 
     def cutting(self, kernel: ComputeKernel, run_tiles: RunTiles, part_count: int, **bindings: Any) -> Generator[None, None, None]:
         """Make points of the list's first `part_count` parts, at most `part_limit`, pausing between kernels.

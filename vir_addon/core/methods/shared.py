@@ -14,11 +14,12 @@ from .linear_store import LinearStore
 
 TEXELS_PER_TILE = TEXELS_PER_PART = 2
 TEXELS_PER_SPLAT = 2
-TILE_CAPACITY = 1 << 17
-"""Tiles that become points in one step: two to four million points."""
+TILE_CAPACITY = 1 << 15
+"""Tiles that become points in one step: up to two million points."""
 MAX_CUTS = 6
 """A part that touches the light asks for any number of points; six cuts into 8 x 8 make enough."""
-PART_CAPACITY = 2 * WORK_GROUP_SIZE * PARTS_OF_A_SLIVER
+FIRST_PART_CAPACITY = 1 << 15
+MOST_PART_CAPACITY = 2 * WORK_GROUP_SIZE * PARTS_OF_A_SLIVER
 """Half of it holds what the triangles of a work group may become; the other half, halved by every cut, is room for more than one part to
 be cut."""
 SOURCE_PART_PX = 2048
@@ -75,7 +76,7 @@ class PointScratch:
         with Owned() as owned:
             self.counters = owned.own(Counters(device))
             self.tiles = owned.own(LinearStore(device, TEXELS_PER_TILE * TILE_CAPACITY))
-            self.parts = owned.own(LinearStore(device, TEXELS_PER_PART * PART_CAPACITY))
+            self.parts = owned.own(LinearStore(device, TEXELS_PER_PART * FIRST_PART_CAPACITY))
             self._owned = owned.pop_all()
 
     def release(self) -> None:
