@@ -23,10 +23,11 @@ from tests.scenes import (
     with_opacity,
 )
 from vir_addon.core import mesh_topology
+from vir_addon.core import plan as plan_module
 from vir_addon.core.bounds import compute_bounds
 from vir_addon.core.enclosure import camera_shells, sealing_object, shell_against
 from vir_addon.core.material import World
-from vir_addon.core.plan import plan
+from vir_addon.core.plan import PlannedOnce, plan
 from vir_addon.core.render import render
 from vir_addon.core.scene import LightShape, Mesh, OpacityMap
 from vir_addon.core.settings import Effect, Method, Settings
@@ -370,3 +371,17 @@ def test_no_sun_along_the_joints_of_a_closed_room(device, method):
     assert not progress.passes["VIR Shadow Sun"].any()
     assert progress.passes["VIR Shadow Lamp"].max() == 1.0
     assert "'room' closes around the camera" in next(line.reason for line in planned.passes if line.light_name == "Sun")
+
+
+def test_what_closes_around_the_camera_is_looked_for_where_something_asks(monkeypatch):
+    """Once for plans of one snapshot, and not at all where no light has anything to do."""
+    searched = []
+    monkeypatch.setattr(plan_module, "camera_shells", lambda *inputs: searched.append(inputs) or camera_shells(*inputs))
+    sun = sun_light("Sun", eye=(3.0, -2.0, 9.0))
+    scene = snapshot([floor(20.0, -0.1), ROOM, TABLE], [dataclasses.replace(sun, casts_shadow=False)], INSIDE, WIDTH, HEIGHT)
+    plan(scene, Settings(effects=(Effect.SHADOW,)))
+    assert not searched
+    scene, once = dataclasses.replace(scene, lights=(sun,)), PlannedOnce()
+    first, second = (plan(scene, Settings(effects=(Effect.SHADOW,), view_count=views), once=once) for views in (8, 16))
+    assert len(searched) == 1
+    assert first.passes[0].reason == second.passes[0].reason == plan(scene, Settings(effects=(Effect.SHADOW,))).passes[0].reason

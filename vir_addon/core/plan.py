@@ -72,7 +72,8 @@ class RenderPlan:
     reflected_lights: tuple[PlannedPass, ...] = ()
     """what lights surfaces that are seen in reflectors, shadows of all of the scene included; none where nothing reflects"""
     has_surroundings: bool = True
-    """Something but lights lights what reflectors show: surfaces that shine, or the world, unless something closes around the camera."""
+    """Something but lights lights what reflectors show, if any are asked for: surfaces that shine, or the world, unless something closes
+    around the camera."""
 
     @property
     def needs_eye(self) -> bool:
@@ -105,6 +106,8 @@ class PlannedOnce:
     likely_faces: LikelyFaces = field(default_factory=dict)
     reflections: PlannedReflections | None = None
     """with the bounces that are asked for, which memory for rounds may lessen"""
+    shells: list[CameraShell] | None = None
+    """around the camera, where something asks for them"""
 
 
 def plan(
@@ -114,8 +117,8 @@ def plan(
     once: PlannedOnce | None = None,
 ) -> RenderPlan:
     """Decide per light. before: what was planned, and how; the answer is the same without, and takes longer where little has changed.
-    once: shared by plans of one snapshot that differ in nothing but views and map resolution, so that each light's faces are fitted and
-    reflectors chosen once.
+    once: shared by plans of one snapshot that differ in nothing but views and map resolution, so that each light's faces are fitted,
+    reflectors chosen and what closes around the camera looked for once.
 
     Raises UsageError for lights that the scene does not have, SceneError when the scene has no light that can be rendered, and
     none elsewhere.
@@ -128,17 +131,19 @@ def plan(
         before = None
     bounds = compute_bounds(snapshot) if before is None else before[1].bounds
     in_picture = instances_in_picture(snapshot, bounds)
-    shells = camera_shells(snapshot, bounds)
-    has_surroundings = _has_surroundings(snapshot, shells)
+    is_reflecting = Effect.REFLECTION in settings.effects
     jobs: list[LightJob] = []
     if Effect.SHADOW in settings.effects:
         places_ws = visible_places(snapshot.camera, bounds.corners_ws[in_picture])
         jobs = [light_job(snapshot, light, names[light.name], settings, bounds, in_picture, places_ws) for light in lights]
-        # as seen in the picture: what reflectors show may be within what the camera sees from outside
-        jobs = [if_sealed(snapshot, job, bounds, shells) for job in jobs]
+    if once.shells is None:
+        once.shells = camera_shells(snapshot, bounds) if is_reflecting or any(job.skipped is None for job in jobs) else []
+    # as seen in the picture: what reflectors show may be within what the camera sees from outside
+    jobs = [if_sealed(snapshot, job, bounds, once.shells) for job in jobs]
+    has_surroundings = is_reflecting and _has_surroundings(snapshot, once.shells)
     reflections: PlannedReflections | None = None
     reflected_jobs: list[LightJob] = []
-    if Effect.REFLECTION in settings.effects:
+    if is_reflecting:
         if once.reflections is None:
             once.reflections = _plan_reflections(snapshot, settings, bounds, in_picture, has_surroundings)
         reflections = once.reflections

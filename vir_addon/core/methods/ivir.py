@@ -189,14 +189,16 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
 
     def _large_outputs(self) -> dict[str, Any]:
         """Where triangles of many cells go."""
-        self._counted_parts = self.counters.read().parts
-        return {"parts": self.parts.texture, "part_capacity": self.cutter.part_limit, "counted_parts": self._counted_parts}
+        counted = self.counters.last.parts
+        return {"parts": self.parts.texture, "part_capacity": self.cutter.part_limit, "counted_parts": counted}
 
     def _finishing_large(self, tiles: KernelDeclaration, **outputs: Any) -> Generator[None, None, bool]:
         """Make points of what the last run over triangles left as parts. Returns False when their list was too small for them."""
-        kernel = yield from compiling(self.device, CUT_PARTS, *self.sampling_flags)
         yield
-        part_count = self.counters.read().parts - self._counted_parts
+        counted = self.counters.last.parts
+        part_count = self.counters.read().parts - counted
+        if not part_count:
+            return True
         if part_count > self.cutter.part_limit:
             if not self.cutter.has_grown_for(part_count):
                 self._groups_at_once = max(1, min(self._groups_at_once, self.work.group_count) // 2)
@@ -213,6 +215,7 @@ class ImprovedViewIndependentRasterization(ReplayMethod):
                 counters=self.counters.texture,
             )
 
+        kernel = yield from compiling(self.device, CUT_PARTS, *self.sampling_flags)
         yield from self.cutter.cutting(kernel, running_tiles, part_count, **self.sampling_bindings)
         return True
 

@@ -16,8 +16,6 @@ TEXELS_PER_TILE = TEXELS_PER_PART = 2
 TEXELS_PER_SPLAT = 2
 TILE_CAPACITY = 1 << 15
 """Tiles that become points in one step: up to two million points."""
-MAX_CUTS = 6
-"""A part that touches the light asks for any number of points; six cuts into 8 x 8 make enough."""
 FIRST_PART_CAPACITY = 1 << 15
 MOST_PART_CAPACITY = 2 * WORK_GROUP_SIZE * PARTS_OF_A_SLIVER
 """Half of it holds what the triangles of a work group may become; the other half, halved by every cut, is room for more than one part to
@@ -53,17 +51,18 @@ class Counters:
     def __init__(self, device: Device) -> None:
         self.device = device
         self.texture = device.create_texture(len(Counts._fields), 1, TextureFormat.R32UI)
-        self._counts = Counts()
+        self.last = Counts()
+        """as last read, which no device has to be waited for"""
 
     def clear(self) -> None:
         self.device.fill(self.texture, 0)
-        self._counts = Counts()
+        self.last = Counts()
 
     def read(self) -> Counts:
         """All that was counted since they were cleared."""
         counted = (int(count) for count in self.device.read(self.texture)[0])
-        self._counts = Counts(*(last + (now - last) % (1 << 32) for now, last in zip(counted, self._counts, strict=True)))
-        return self._counts
+        self.last = Counts(*(last + (now - last) % (1 << 32) for now, last in zip(counted, self.last, strict=True)))
+        return self.last
 
     def release(self) -> None:
         self.texture.release()
