@@ -1,13 +1,14 @@
 """What passes are for, before and after: shadows on a render that has none, reflections on one without. Composed with F12."""
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 sys.path += [str(Path(__file__).parent), str(Path(__file__).resolve().parent.parent.parent)]
 
 import bpy
 import numpy as np
-from driver import FOLDER, SCENE, Steps, close_other_windows, render, run, screenshot, show_panel, view
+from driver import FOLDER, SCENE, Steps, click_button, close_other_windows, render, run, screenshot, show_panel, view
 
 from demo_scenes import mirror_room
 
@@ -54,13 +55,25 @@ def prepare(scene, engine: str, preset: str) -> None:
     space.region_3d.view_perspective = "CAMERA"
 
 
-def sockets(scene) -> tuple:
-    """The compositor's tree and the outputs of the render and of the passes, which the panel's buttons made."""
+def compose(scene) -> Iterator[float]:
+    """Render passes and press Add to Compositor; returns the compositor's tree, the render's outputs and the node of the passes."""
     bpy.ops.vir.render()
-    bpy.ops.vir.add_to_compositor()
+    yield from show_panel()
+    yield from click_button("vir.add_to_compositor")
     tree = scene.compositing_node_group
     layers = next(node for node in tree.nodes if node.bl_idname == "CompositorNodeRLayers")
-    return tree, layers.outputs, next(node for node in tree.nodes if node.type == "GROUP").outputs
+    return tree, layers.outputs, next(node for node in tree.nodes if node.type == "GROUP")
+
+
+def show_nodes(tree) -> Steps:
+    area = view()["area"]
+    area.ui_type = "CompositorNodeTree"
+    area.spaces.active.node_tree = tree
+    yield 0.5
+    with bpy.context.temp_override(**view("NODE_EDITOR")):
+        bpy.ops.node.view_all()
+    yield from screenshot("2_node_with_reflections")
+    area.type = "VIEW_3D"
 
 
 def cast_shadows() -> Steps:
@@ -72,8 +85,8 @@ def cast_shadows() -> Steps:
     scene.display.shading.color_type = "MATERIAL"
     scene.view_settings.view_transform = "Standard"
     scene.vir.view_count = 32
-    tree, render, passes = sockets(scene)
-    shadowed = mix(tree, "MULTIPLY", render["Image"], passes["VIR Shadow"])
+    tree, render, node = yield from compose(scene)
+    shadowed = mix(tree, "MULTIPLY", render["Image"], node.outputs["VIR Shadow"])
     yield from write_with_f12({"shadows_without": render["Image"], "shadows_with": shadowed}, scene)
     without, with_shadows = read("shadows_without"), read("shadows_with")
     assert (with_shadows <= without + 0.01).all() and np.median((with_shadows / np.maximum(without, 0.01)).mean(axis=1)) < 0.95
@@ -91,19 +104,22 @@ def add_reflections() -> Steps:
     layer = bpy.context.view_layer
     layer.use_pass_diffuse_direct = layer.use_pass_diffuse_indirect = layer.use_pass_diffuse_color = layer.use_pass_environment = True
     scene.vir.use_reflections = True
-    yield from show_panel()
-    tree, render, passes = sockets(scene)
+    tree, render, node = yield from compose(scene)
     yield from screenshot("1_reflectors")
     diffuse = mix(tree, "MULTIPLY", mix(tree, "ADD", render["Diffuse Direct"], render["Diffuse Indirect"]), render["Diffuse Color"])
     without = mix(tree, "ADD", diffuse, render["Environment"])
-    reflected = mix(tree, "MULTIPLY", passes["VIR Reflection"], passes["VIR Reflection Color"])
+    tree.links.new(without, node.inputs["Without Reflections"])
+    reflected = mix(tree, "MULTIPLY", node.outputs["VIR Reflection"], node.outputs["VIR Reflection Color"])
     names = {
         "reflection_without": without,
-        "reflection_pass": passes["VIR Reflection"],
-        "reflection_with": mix(tree, "ADD", without, reflected),
+        "reflection_pass": node.outputs["VIR Reflection"],
+        "reflection_with": node.outputs["With Reflections"],
+        "reflection_by_hand": mix(tree, "ADD", without, reflected),
         "reflection_cycles": render["Image"],
     }
     yield from write_with_f12(names, scene)
+    yield from show_nodes(tree)
+    assert np.array_equal(read("reflection_with"), read("reflection_by_hand")), "the node adds something else"
     before, after, wanted = (read(f"reflection_{name}") for name in ("without", "with", "cycles"))
     is_mirror = before.max(axis=1) < 0.02
     # passes do not show lamps, nor light that walls throw on each other
