@@ -16,6 +16,7 @@ import pytest
 
 import vir_addon
 from vir_addon.__main__ import main
+from vir_addon.cli import interrupts
 from vir_addon.cli.arguments import make_parser, settings_of
 from vir_addon.cli.commands import jobs_of
 from vir_addon.cli.progress import STAGE_TEXTS, ShownProgress
@@ -449,6 +450,45 @@ def test_ctrl_c_that_got_lost_is_heard_with_the_next_batch(blend, folder, monkey
     monkeypatch.setattr(ShownProgress, "large_step", lose)
     output = folder / "lost"
     assert main(["render", str(blend), "--output", str(output), *SIZE]) == 130
+    assert not list(output.glob("*.exr"))
+
+
+def test_ctrl_c_where_python_cleans_up_is_not_printed(blend, folder, monkeypatch):
+    class Dropped:
+        def __del__(self):
+            signal.raise_signal(signal.SIGINT)
+
+    def clean_up(*_):
+        Dropped()
+
+    dropped = []
+    monkeypatch.setattr(sys, "unraisablehook", dropped.append)
+    monkeypatch.setattr(ShownProgress, "preparing", clean_up)
+    output = folder / "cleaned up"
+    assert main(["render", str(blend), "--output", str(output), *SIZE]) == 130
+    assert dropped == []
+    assert not list(output.glob("*.exr"))
+
+
+@pytest.mark.parametrize("device", ["moderngl", "gpu"])
+def test_ctrl_c_ends_a_render_with_the_current_stage(blend, folder, monkeypatch, device):
+    stages = []
+    show = ShownProgress.stage
+
+    def stage(progress, name, light_name):
+        stages.append(name)
+        if len(stages) == 4:
+            signal.raise_signal(signal.SIGINT)
+            # on the device's thread: the main one hears of it when it wakes
+            deadline = time.monotonic() + TIMEOUT_S
+            while not interrupts._Asked.was and time.monotonic() < deadline:
+                time.sleep(0.01)
+        show(progress, name, light_name)
+
+    monkeypatch.setattr(ShownProgress, "stage", stage)
+    output = folder / f"stage {device}"
+    assert main(["render", str(blend), "--output", str(output), "--device", device, *SIZE]) == 130
+    assert len(stages) == 4
     assert not list(output.glob("*.exr"))
 
 

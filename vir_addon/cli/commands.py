@@ -88,6 +88,12 @@ def jobs_of(
 
 
 def run_render(arguments: argparse.Namespace, console: Console) -> None:
+    """Ctrl-C ends it with the current stage: raised anywhere, Python may print and drop it, as where it cleans up."""
+    with held_interrupts():
+        _render_frames(arguments, console)
+
+
+def _render_frames(arguments: argparse.Namespace, console: Console) -> None:
     settings = settings_of(arguments)
     scene = open_scene(arguments)
     from ..blender.job import replanned

@@ -69,7 +69,8 @@ class ShownProgress:
         self.large_step(f"preparing {light_count} light{'s' * (light_count != 1)}{self._predicted}")
 
     def stage(self, name: str, light_name: str | None) -> None:
-        """A stage of the render begins; may be called from any thread."""
+        """A stage of the render begins; may be called from any thread. A Ctrl-C raises KeyboardInterrupt there, and ends the work."""
+        stop_if_asked()
         if self._latest is None:
             self._bar.update(self._task, status=" ".join(filter(None, (STAGE_TEXTS[name], light_name))) + self._predicted)
 
