@@ -421,7 +421,8 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
     // What is so near may touch the receiver within the texel, or be the receiver itself, curved. How it rises away from the point tells
     // whether it has come down to the receiver's plane before it reaches the point.
     vec2 away = vec2(stored_depth(own.address - ivec2(toward.x, 0)), stored_depth(own.address - ivec2(0, toward.y)));
-    vec2 rise = vec2(height_of(own, away.x, -facing_step.x), height_of(own, away.y, -facing_step.y)) - own.height;
+    vec2 height_away = vec2(height_of(own, away.x, -facing_step.x), height_of(own, away.y, -facing_step.y));
+    vec2 rise = height_away - own.height;
     // beyond an outline is another surface, or nothing at an infinite height
     rise = mix(vec2(0.0), rise, lessThan(abs(away - own.depth), vec2(contact)));
     // what stands well above the plane in the next texel as well comes down no faster than it does on the way there: a floor of something
@@ -435,6 +436,14 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
 #ifdef POINT_MAPS
     // only what comes down to the receiver between the texels touches it; other outlines are enlarged ones
     seen = seen || (at_outline && own.height >= rise.x + rise.y);
+    // What is low all around and ends beside the receiver is the surface that meets the receiver's at an edge, carried past it: rims of
+    // tables, on their sides. A wall rises more within a texel.
+    bool is_low = of_point && max(own.height, max(max(height_away.x, height_away.y), max(height_on.x, height_on.y))) <= POINT_MAX_RISE_FOOTPRINTS * own.footprint;
+    bool ends_beside = leaves_in_sight(away.x, height_away.x, p.z, own.footprint, certain) ||
+                       leaves_in_sight(away.y, height_away.y, p.z, own.footprint, certain) ||
+                       leaves_in_sight(on.x, height_on.x, p.z, own.footprint, certain) ||
+                       leaves_in_sight(on.y, height_on.y, p.z, own.footprint, certain);
+    seen = seen || (is_low && ends_beside);
 #endif
     // a texel whose centre is on the plane's upper side has the surface only if it was enlarged
     bool may_pass = is_grazed(own) && (of_point || is_above_centre);

@@ -125,6 +125,25 @@ def test_round_surfaces_that_the_light_grazes_agree(device, bump_share, target, 
     assert error <= 0.01
 
 
+@pytest.mark.parametrize(("turn_rad", "darker_before"), [(0.0, 19), (1.0, 6)])
+def test_rims_do_not_darken_what_meets_them_at_an_edge(device, turn_rad, darker_before):
+    """Points of a table's top are stored where the map's texel already shows its side, which the light grazes.
+
+    darker_before: pixels where they were taken to be in the way
+    """
+    meshes = [floor(3.0), box("table", (0.5, 0.2, 0.4), (0.6, 0.4, 0.4), turn_rad=turn_rad)]
+    camera = perspective_camera((-2.0, -1.8, 1.6), (0.5, -0.2, 0.8), 160, 90, 0.35)
+    scene = snapshot(meshes, [area_light(eye=(0.0, 0.0, 2.7), target=(0.0, 0.0, 0.0), size_m=(1.0, 1.0))], camera, 160, 90)
+    truth, points = (
+        render_pass(scene, device, method=method, view_count=64, map_resolution_px=MAP_PX) for method in (Method.MVR, Method.IVIR)
+    )
+    difference = points - truth
+    darker, brighter = (difference < -0.05).sum(), (difference > 0.05).sum()
+    print(f"turned by {turn_rad}: {darker} pixels darker, {darker_before} before; {brighter} brighter; RMSE {rmse(points, truth):.5f}")
+    assert darker == brighter == 0
+    assert abs(difference.mean()) <= 2e-4
+
+
 def test_outlines_stay_where_they_are(device):
     """Thin leaves are outlines everywhere: grown or shrunk by parts of a texel, they would darken or brighten the picture."""
     meshes = [leaves("leaves", (0.0, 0.0, 1.4), 1.6, 600, 0.1), floor(4.0)]
