@@ -20,7 +20,7 @@ from vir_addon.cli import interrupts
 from vir_addon.cli.arguments import make_parser, settings_of
 from vir_addon.cli.commands import jobs_of
 from vir_addon.cli.progress import STAGE_TEXTS, ShownProgress
-from vir_addon.core.settings import ReflectionFilter, Settings
+from vir_addon.core.settings import Effect, ReflectionFilter, Settings
 from vir_addon.device.moderngl_device import ModernglComputeKernel, ModernglDevice
 
 bpy = pytest.importorskip("bpy")
@@ -509,6 +509,15 @@ def test_ctrl_c_leaves_no_half_written_files(blend, folder):
     for path in output.iterdir():
         with OpenEXR.File(str(path)) as file:
             assert file.parts
+
+
+def test_auto_is_all_effects_that_a_scene_calls_for(blend):
+    settings = [settings_of(make_parser().parse_args(["plan", "scene.blend", "--effects", text])) for text in ("auto", "shadow,reflection")]
+    assert settings[0] == settings[1] and settings[0].effects == tuple(Effect)
+    done = vir("plan", blend, "--effects", "auto")
+    assert done.returncode == 0 and "nothing reflects" in done.stdout
+    refused = vir("plan", blend, "--effects", "auto,shadow")
+    assert refused.returncode == 2 and "'auto' is none of shadow, reflection" in refused.stderr
 
 
 def test_every_stage_of_a_render_has_a_text():

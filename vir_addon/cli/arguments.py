@@ -84,7 +84,9 @@ def parse_sample_counts(text: str) -> tuple[int, int]:
 
 
 def parse_effects(text: str) -> tuple[Effect, ...]:
-    """'shadow,reflection' -> both, in the order of `Effect`, each once"""
+    """'shadow,reflection' -> both, in the order of `Effect`, each once; so is 'auto', as a plan leaves out what nothing calls for"""
+    if text.strip() == "auto":
+        return tuple(Effect)
     asked = {_parse_choice(Effect, part.strip()) for part in text.split(",")}
     return tuple(effect for effect in Effect if effect in asked)
 
@@ -139,8 +141,8 @@ def _add_input_arguments(parser: argparse.ArgumentParser) -> None:
         "--effects",
         type=parse_effects,
         default=defaults.effects,
-        metavar=",".join(effect.value for effect in Effect),
-        help="which passes; default: shadow",
+        metavar="auto|" + ",".join(effect.value for effect in Effect),
+        help="which passes; auto: all that the scene calls for; default: shadow",
     )
     parser.add_argument("--lights", type=parse_names, metavar="Key,Fill", help="only these lights; white in frames without; default: all")
     parser.add_argument(
