@@ -54,7 +54,7 @@ def held_interrupts() -> Iterator[None]:
     Does nothing where Ctrl-C is ignored, or belongs to the program that called.
     """
     before = signal.getsignal(signal.SIGINT)
-    if before not in (signal.default_int_handler, _note_and_raise):
+    if before not in (signal.default_int_handler, _note_and_raise, _note):
         yield
         return
     if before is signal.default_int_handler:
