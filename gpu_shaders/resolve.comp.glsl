@@ -69,6 +69,10 @@ bool leaves_in_sight(float depth, float height, float z, float footprint, float 
     return (depth >= z - reach && is_below(depth, height, z, footprint)) || depth >= z + MAX_DEEPER_FOOTPRINTS * footprint;
 }
 
+bool either_leaves_in_sight(vec2 depths, vec2 heights, float z, float footprint, float reach) {
+    return leaves_in_sight(depths.x, heights.x, z, footprint, reach) || leaves_in_sight(depths.y, heights.y, z, footprint, reach);
+}
+
 const int SEEN = 0;
 const int HIDDEN = 1;
 const int UNDECIDED = 2;  // takes a look at the neighbouring texels
@@ -391,8 +395,7 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
                         height_of(own, depths.z, beyond_step.x + beyond_step.y));
     // what crosses the plane in one texel does so in the next ones
     float reach = is_own_or_crosses ? certain : at_hand;
-    at_outline = of_point && (leaves_in_sight(depths.x, heights.x, p.z, own.footprint, reach) ||
-                              leaves_in_sight(depths.y, heights.y, p.z, own.footprint, reach) ||
+    at_outline = of_point && (either_leaves_in_sight(depths.xy, heights.xy, p.z, own.footprint, reach) ||
                               leaves_in_sight(depths.z, heights.z, p.z, own.footprint, reach));
     vec3 nearer = mix(vec3(own.height), heights, lessThan(depths, vec3(p.z)));
     highest = max(highest, max(nearer.x, max(nearer.y, nearer.z)));
@@ -438,12 +441,11 @@ bool seen_by_neighbours(int k, vec3 p, vec3 normal_fs, bool is_round) {
     seen = seen || (at_outline && own.height >= rise.x + rise.y);
     // What is low all around and ends beside the receiver is the surface that meets the receiver's at an edge, carried past it: rims of
     // tables, on their sides. A wall rises more within a texel.
-    bool is_low = of_point && max(own.height, max(max(height_away.x, height_away.y), max(height_on.x, height_on.y))) <= POINT_MAX_RISE_FOOTPRINTS * own.footprint;
-    bool ends_beside = leaves_in_sight(away.x, height_away.x, p.z, own.footprint, certain) ||
-                       leaves_in_sight(away.y, height_away.y, p.z, own.footprint, certain) ||
-                       leaves_in_sight(on.x, height_on.x, p.z, own.footprint, certain) ||
-                       leaves_in_sight(on.y, height_on.y, p.z, own.footprint, certain);
-    seen = seen || (is_low && ends_beside);
+    vec2 beside = max(height_away, height_on);
+    bool is_low = max(own.height, max(beside.x, beside.y)) <= POINT_MAX_RISE_FOOTPRINTS * own.footprint;
+    bool ends_beside = either_leaves_in_sight(away, height_away, p.z, own.footprint, certain) ||
+                       either_leaves_in_sight(on, height_on, p.z, own.footprint, certain);
+    seen = seen || (of_point && is_low && ends_beside);
 #endif
     // a texel whose centre is on the plane's upper side has the surface only if it was enlarged
     bool may_pass = is_grazed(own) && (of_point || is_above_centre);

@@ -148,7 +148,7 @@ def reflected_light_job(snapshot: SceneSnapshot, light: Light, pass_name: str, s
 
 def _sample_count(light: Light, settings: Settings) -> int:
     asked = _asked_count(light, settings)
-    is_ball = light.has_size and light.shape.is_omni and not light.has_soft_falloff
+    is_ball = light.shape.is_omni and not light.has_soft_falloff
     return LEAST_BALL_VIEWS if is_ball and 1 < asked < LEAST_BALL_VIEWS else asked
 
 
